@@ -1,0 +1,103 @@
+"""What crosses from one stage to the next in every servo cycle, as named tuples of plain numbers.
+
+Each record has the fields of its message in `pkm_cnc_msgs`, in the same order, after `header` and `cycle`, nested
+points and vectors written out. SI units; positions of the TCP in `base_link`.
+"""
+
+from typing import NamedTuple
+
+__all__ = [
+    "PHASE_END",
+    "PHASE_HOLD",
+    "PHASE_MOVE",
+    "STATUS_NORMAL",
+    "STATUS_TRAVEL_END",
+    "AxisCommand",
+    "AxisSetpoint",
+    "AxisState",
+    "ContourError",
+    "TcpSetpoint",
+    "TcpState",
+    "Vector",
+]
+
+Vector = tuple[float, float, float]
+"""A point or a vector in `base_link`, x y z."""
+
+PHASE_MOVE, PHASE_HOLD, PHASE_END = 0, 1, 2
+"""The setpoint moves (or starts or stops here) | rests until the TCP is in position | is the last one of the run."""
+
+STATUS_NORMAL, STATUS_TRAVEL_END = 0, 1
+"""The slider is within its travel | the slider is at or beyond an end of its travel."""
+
+
+class TcpSetpoint(NamedTuple):
+    """Commanded TCP of one cycle: m, m/s, m/s^2; `path_length` m from the contour's start; `feed` programmed, m/s."""
+
+    x: float
+    y: float
+    z: float
+    vx: float
+    vy: float
+    vz: float
+    ax: float
+    ay: float
+    az: float
+    path_length: float
+    feed: float
+    segment: int
+    phase: int
+
+
+class AxisSetpoint(NamedTuple):
+    """Commanded joint coordinate of one drive: m, m/s, m/s^2."""
+
+    position: float
+    velocity: float
+    acceleration: float
+
+
+class AxisCommand(NamedTuple):
+    """What the drive asks of the plant over [k, k+1): velocity command m/s; tracking error setpoint - actual, m."""
+
+    velocity: float
+    tracking_error: float
+
+
+class AxisState(NamedTuple):
+    """One axis at t_k: m as the scale reads it, m as it truly is, m/s, rad/s, A, N m, STATUS_*."""
+
+    position: float
+    slider_position: float
+    slider_velocity: float
+    motor_speed: float
+    current: float
+    torque: float
+    status: int
+
+
+class TcpState(NamedTuple):
+    """TCP as the controller believes it, as it truly is, and setpoint - true, all m."""
+
+    believed_x: float
+    believed_y: float
+    believed_z: float
+    x: float
+    y: float
+    z: float
+    tracking_error_x: float
+    tracking_error_y: float
+    tracking_error_z: float
+
+
+class ContourError(NamedTuple):
+    """Shortest vector from the contour to the true TCP (m), its left and up parts, the foot's place on the contour."""
+
+    x: float
+    y: float
+    z: float
+    left: float
+    up: float
+    magnitude: float
+    path_length: float
+    segment: int

@@ -1,0 +1,20 @@
+"""Every tolerance of the project, named once, with its reason."""
+
+TIE = 1e-9
+"""m. Two distances to the contour closer than this are a tie: part programs resolve 1 nm (six decimals of a mm)."""
+
+ARC_RADII = 5e-6
+"""m. Largest difference between the radii of an arc's start and end point (a program with three decimals of a mm
+rounds each coordinate by 0.5 um; corner to corner that is below 2 um, doubled for the sum of both ends)."""
+
+ZERO_LENGTH = 1e-12
+"""m. A motion shorter than this is none: a thousandth of the resolution of a part program."""
+
+FEED_REACHED = 1e-6
+"""1. Relative difference to the programmed feed below which the feed counts as reached."""
+
+NEWTON = 1e-14
+"""m. A Newton step below this ends the iteration of the forward kinematics: some rounding errors of a metre."""
+
+SINGULAR = 1e-9
+"""1. A reciprocal condition number of the Jacobian below this counts as singular."""
