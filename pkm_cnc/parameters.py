@@ -41,6 +41,8 @@ class Parameter:
         kind = type(self.default)
         if kind is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
+        if kind is float and isinstance(value, str):  # YAML 1.1 reads 1e-6 as a text
+            value = _number(value)
         if kind is tuple and isinstance(value, (list, tuple)):
             return self._check_numbers(value, key)
         if type(value) is not kind:
@@ -72,6 +74,13 @@ class Parameter:
             raise InputError(f"{key}: {value}{unit} is below its minimum {self.minimum}{unit}")
         if self.maximum is not None and value > self.maximum:
             raise InputError(f"{key}: {value}{unit} is over its maximum {self.maximum}{unit}")
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text", tuple: "a list of numbers"}

@@ -18,3 +18,10 @@ NEWTON = 1e-14
 
 SINGULAR = 1e-9
 """1. A reciprocal condition number of the Jacobian below this counts as singular."""
+
+VERTICAL = 1e-9
+"""1. A unit tangent whose horizontal part is below this is parallel to z: left and right of it have no meaning (a
+vertical line of a part program has none but rounding)."""
+
+SPEED_ROUNDING = 1e-15
+"""1. Relative difference of two path speeds that is rounding alone: some units in the last place of a double."""

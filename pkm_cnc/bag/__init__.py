@@ -1,0 +1,6 @@
+"""Runs on disk: rosbag2 folders with one MCAP file, written while the machine runs and readable even when it was killed."""
+
+from pkm_cnc.bag.reader import Run, read_run
+from pkm_cnc.bag.writer import BagWriter
+
+__all__ = ["BagWriter", "Run", "read_run"]

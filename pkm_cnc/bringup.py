@@ -1,0 +1,167 @@
+"""The one description of the graph: which executables, where, with which parameters. Used by the command and by launch."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from pkm_cnc.config import Setup
+from pkm_cnc.run_messages import End
+from pkm_cnc.topics import INTERPOLATOR, RECORDER, nodes
+
+__all__ = ["GraphNodeSpec", "describe_graph", "prepare_environment", "run_in_one_process", "run_in_processes"]
+
+TERMINATION_TIMEOUT = 10.0
+"""s of wall time that processes have to end after the first of them has."""
+
+
+class GraphNodeSpec(NamedTuple):
+    """One node to start: executable (and node name), namespace relative to the machine's, run parameters it needs."""
+
+    executable: str
+    namespace: str
+    parameters: dict[str, str]
+
+    @property
+    def full_name(self) -> str:
+        """Name relative to the machine's namespace, e.g. u1/plant."""
+        return f"{self.namespace}/{self.executable}" if self.namespace else self.executable
+
+
+def describe_graph(axes: Sequence[str], program: str, bag: str, pacing: str) -> list[GraphNodeSpec]:
+    """The nodes of a machine with these axes that run `program`, paced "fast" or "realtime", recorded to `bag`."""
+    extra = {INTERPOLATOR: {"program": program, "pacing": pacing}, RECORDER: {"bag": bag}}
+    specs = []
+    for name in nodes(axes):
+        namespace, _, executable = name.rpartition("/")
+        specs.append(GraphNodeSpec(executable, namespace, extra.get(name, {})))
+    return specs
+
+
+def prepare_environment() -> None:
+    """Let ROS work in a bare environment: find the installed packages, stay on this machine, have a place for logs.
+
+    Only what is not set is set.
+    """
+    if Path(sys.prefix, "share", "ament_index").is_dir():
+        os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    if not any(name in os.environ for name in ("ROS_LOG_DIR", "ROS_HOME", "HOME")):
+        os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir(), "pkm_cnc_log"))
+
+
+def run_in_one_process(
+    setup: Setup, program: str, bag: str, pacing: str, tick: Callable[[int], None] = lambda cycle: None
+) -> End:
+    """Run the graph in this process; `tick` is told the recorded cycles some ten times a second."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.signals import SignalHandlerOptions
+
+    from pkm_cnc.nodes.all_nodes import NODE_CLASSES
+    from pkm_cnc.nodes.recorder import RecorderNode
+    from pkm_cnc.nodes.runner import run_nodes
+
+    context = Context()
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        parameters = {key: value for key, (value, _) in setup.parameters.items()}
+        recorder = RecorderNode(RECORDER, tapped=True, context=context, parameters={**parameters, "bag": bag})
+        others = [
+            NODE_CLASSES[spec.executable](
+                spec.executable,
+                context=context,
+                namespace=spec.namespace,
+                parameters={**parameters, **spec.parameters},
+                tap=recorder.take,
+            )
+            for spec in describe_graph(tuple(setup.axes), program, bag, pacing)
+            if spec.executable != RECORDER
+        ]
+        return run_nodes([*others, recorder], context, lambda: tick(recorder.cycles))
+    finally:
+        context.try_shutdown()
+
+
+def run_in_processes(
+    setup: Setup, program: str, bag: str, pacing: str, tick: Callable[[int], None] = lambda cycle: None
+) -> End:
+    """Run the graph with one process per node; `tick` is called some ten times a second, with 0."""
+    specs = describe_graph(tuple(setup.axes), program, bag, pacing)
+    with tempfile.TemporaryDirectory(prefix="pkm_cnc_") as folder:
+        parameters = Path(folder, "parameters.yaml")
+        parameters.write_text(setup.to_yaml(), encoding="utf-8")
+        processes = {spec.full_name: _start(spec, parameters, Path(folder)) for spec in specs}
+        with _forwarded_signals(processes[INTERPOLATOR]):
+            _wait(processes, tick)
+        return _end_of(processes, Path(folder))
+
+
+def _start(spec: GraphNodeSpec, parameters: Path, folder: Path) -> subprocess.Popen[bytes]:
+    arguments = ["--ros-args", "--params-file", str(parameters)]
+    if spec.namespace:
+        arguments += ["-r", f"__ns:=/{spec.namespace}"]
+    for name, value in spec.parameters.items():
+        arguments += ["-p", f"{name}:={value}"]
+    code = f"from pkm_cnc.nodes.{spec.executable} import main; main()"
+    with (folder / _error_file(spec.full_name)).open("wb") as errors:
+        return subprocess.Popen(
+            [sys.executable, "-c", code, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=errors,
+            start_new_session=True,
+        )
+
+
+def _error_file(full_name: str) -> str:
+    return full_name.replace("/", ".") + ".stderr"
+
+
+def _wait(processes: dict[str, subprocess.Popen[bytes]], tick: Callable[[int], None]) -> None:
+    give_up = None
+    while any(process.poll() is None for process in processes.values()):
+        time.sleep(0.1)
+        tick(0)
+        left = [process for process in processes.values() if process.poll() is not None]
+        orderly = [process for process in left if process.returncode >= 0]
+        if orderly and give_up is None:
+            give_up = time.monotonic() + TERMINATION_TIMEOUT
+        if give_up is not None and time.monotonic() > give_up:
+            for process in processes.values():
+                if process.poll() is None:
+                    process.kill()
+
+
+def _end_of(processes: dict[str, subprocess.Popen[bytes]], folder: Path) -> End:
+    for name, process in processes.items():
+        lines = (folder / _error_file(name)).read_text(errors="replace").splitlines()
+        said = [line.removeprefix("pkm_cnc: ") for line in lines if line.startswith("pkm_cnc: ")]
+        if process.returncode > 0:
+            node, _, reason = (said or [f"{name}: " + (lines[-1] if lines else "ended without a word")])[-1].partition(": ")
+            return End(0, node, reason, process.returncode)
+    killed = [name for name, process in processes.items() if process.returncode < 0]
+    if killed:
+        return End(0, killed[0], f"killed by {signal.Signals(-processes[killed[0]].returncode).name}")
+    return End(0, RECORDER, "")
+
+
+@contextlib.contextmanager
+def _forwarded_signals(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    def forward(number: int, frame: object) -> None:
+        process.send_signal(number)
+
+    before = {number: signal.signal(number, forward) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,62 @@
+"""Checks a whole toolpath against the machine before anything moves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pkm_cnc.config import Setup
+from pkm_cnc.errors import InputError
+from pkm_cnc.program import Arc, Line, Program, Toolpath, interpret
+
+__all__ = ["check_toolpath", "prepare"]
+
+SAMPLING = 0.25e-3
+"""m. Distance of the points checked along a path. Between two of them a path on a machine of strut length 0.6 m can
+bulge by at most SAMPLING^2 / 8 / 0.2 m = 0.04 um further out than either."""
+
+
+def prepare(setup: Setup, program: Program) -> Toolpath:
+    """Interpret a program for a machine and check all of it.
+
+    Raises ProgramError for what cannot be read, InputError for what the machine cannot reach.
+    """
+    toolpath = interpret(program, start=setup.start_pose, zero=setup.program_zero, rapid=setup.motion.rapid)
+    check_toolpath(setup, program, toolpath)
+    return toolpath
+
+
+def check_toolpath(setup: Setup, program: Program, toolpath: Toolpath) -> None:
+    """Check every element along its length against workspace, singularities and drive travel.
+
+    Raises InputError naming program, line, strut or axis, the place and by how much.
+    """
+    for element in toolpath.elements:
+        _check_element(setup, f"{program.name}:{element.line}", element)
+
+
+def _check_element(setup: Setup, where: str, element: Line | Arc) -> None:
+    steps = max(1, math.ceil(element.length / SAMPLING))
+    points = np.array([element.position(element.length * step / steps) for step in range(steps + 1)])
+    violations = setup.machine.violations(points)
+    if violations:
+        worst = max(violations, key=lambda violation: violation.excess)
+        raise InputError(f"{where}: outside the workspace {_place(setup, points[worst.row])}: {worst.reason}")
+    joints = setup.machine.inverse(points)
+    for column, (axis, axis_setup) in enumerate(setup.axes.items()):
+        travel = axis_setup.travel
+        for row, bound, excess in (
+            (int(np.argmin(joints[:, column])), travel.minimum, travel.minimum - joints[:, column].min()),
+            (int(np.argmax(joints[:, column])), travel.maximum, joints[:, column].max() - travel.maximum),
+        ):
+            if excess > 0:
+                raise InputError(
+                    f"{where}: {axis} leaves its travel {_place(setup, points[row])}: {joints[row, column] * 1e3:.3f} mm "
+                    f"is {excess * 1e3:.3f} mm beyond {bound * 1e3:.3f} mm"
+                )
+
+
+def _place(setup: Setup, point: np.ndarray) -> str:
+    x, y, z = (point - setup.program_zero) * 1e3
+    return f"at X{x:.3f} Y{y:.3f} Z{z:.3f}"

@@ -1,0 +1,50 @@
+"""Arguments that several subcommands share, and writing what they make."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+from pkm_cnc.config import Setup, load_setup
+from pkm_cnc.errors import InputError
+
+__all__ = ["add_machine", "setup_of", "write_text"]
+
+
+def add_machine(parser: argparse.ArgumentParser) -> None:
+    """Add --machine and --set."""
+    parser.add_argument("--machine", required=True, metavar="F", help="machine file, or the bare name of one in config/")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a parameter, for all axes (drive.kv=25) or one (u1.drive.kv=25); repeatable",
+    )
+
+
+def setup_of(arguments: argparse.Namespace) -> Setup:
+    """The machine that --machine and --set name. Raises InputError."""
+    return load_setup(arguments.machine, arguments.set)
+
+
+def write_text(path: str, text: str) -> None:
+    """Write a file whole or not at all. Raises InputError where it cannot be written."""
+    target = Path(path)
+    temporary = None
+    try:
+        with tempfile.NamedTemporaryFile("w", dir=target.parent, delete=False, encoding="utf-8") as file:
+            temporary = file.name
+            file.write(text)
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
+        os.replace(temporary, target)
+    except OSError as error:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+        raise InputError(f"{path} cannot be written: {error.strerror}") from None

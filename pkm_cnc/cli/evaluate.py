@@ -1,0 +1,47 @@
+"""pkm_cnc evaluate: contour errors from a bag alone, as table, JSON and pictures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from pkm_cnc.bag import read_run
+from pkm_cnc.evaluation import Evaluation, evaluate
+from pkm_cnc.report import draw, table
+
+__all__ = ["add_parser"]
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser("evaluate", help="contour errors from a bag alone: table, JSON, pictures")
+    parser.add_argument("bag", metavar="BAG", help="folder of the bag")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    parser.add_argument("--report", metavar="DIR", help="write pictures to DIR")
+    parser.set_defaults(action=_evaluate)
+
+
+def _evaluate(arguments: argparse.Namespace) -> None:
+    run = read_run(arguments.bag)
+    evaluation = evaluate(run)
+    if not run.complete:
+        held = len(evaluation.errors)
+        print(
+            f"pkm_cnc: bag {arguments.bag} was never closed: evaluated up to its last whole chunk, {held} cycles "
+            f"({held * evaluation.servo_period:.3f} s)",
+            file=sys.stderr,
+        )
+    _tell_end(arguments.bag, evaluation)
+    print(json.dumps(evaluation.to_json()) if arguments.json else table(evaluation))
+    if arguments.report:
+        for path in draw(evaluation, Path(arguments.report)):
+            print(f"picture {path}", file=sys.stderr if arguments.json else sys.stdout)
+
+
+def _tell_end(bag: str, evaluation: Evaluation) -> None:
+    end = evaluation.end
+    if end is not None and not end.completed:
+        print(f"pkm_cnc: bag {bag}: the run did not complete: {end.node}: {end.reason}", file=sys.stderr)

@@ -1,0 +1,59 @@
+"""pkm_cnc kinematics: CSV of poses to CSV of joint positions and back; geometry only."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from typing import Any, TextIO
+
+from pkm_cnc.cli.arguments import add_machine, setup_of
+from pkm_cnc.errors import InputError, UnreachableError
+
+__all__ = ["add_parser"]
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser("kinematics", help="CSV on stdin to CSV on stdout, 17 significant digits")
+    parser.add_argument(
+        "direction", choices=("inverse", "forward"), help="TCP (x_mm,...) to joints (u1_mm,...), or back; geometry only"
+    )
+    add_machine(parser)
+    parser.set_defaults(action=_kinematics)
+
+
+def _kinematics(arguments: argparse.Namespace) -> None:
+    machine = setup_of(arguments).machine
+    poses = [f"{name}_mm" for name in machine.coordinates]
+    joints = [f"{name}_mm" for name in machine.axes]
+    read, write = (poses, joints) if arguments.direction == "inverse" else (joints, poses)
+    transform = machine.inverse if arguments.direction == "inverse" else machine.forward
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(write)
+    for line, values in _rows(sys.stdin, read):
+        try:
+            result = [value * 1e3 for value in transform([value / 1e3 for value in values]).tolist()]
+        except UnreachableError as error:
+            print(f"pkm_cnc: stdin:{line}: {error}", file=sys.stderr)
+            result = [math.nan] * len(write)
+        writer.writerow([f"{value:.17g}" for value in result])
+
+
+def _rows(source: TextIO, columns: Sequence[str]) -> Iterator[tuple[int, list[float]]]:
+    reader = csv.reader(source)
+    header = [name.strip() for name in next(reader, [])]
+    if header != list(columns):
+        raise InputError(f"stdin:1: columns {','.join(header) or '(none)'}, expected {','.join(columns)}")
+    for row in reader:
+        if not row:
+            continue
+        try:
+            values = [float(cell) for cell in row]
+        except ValueError as error:
+            raise InputError(f"stdin:{reader.line_num}: {error}") from None
+        if len(values) != len(columns):
+            raise InputError(f"stdin:{reader.line_num}: {len(values)} values, {len(columns)} expected")
+        yield reader.line_num, values

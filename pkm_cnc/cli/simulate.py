@@ -1,0 +1,38 @@
+"""pkm_cnc simulate: the same steps and the same bag as run, without ROS."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+from pkm_cnc.bag import BagWriter
+from pkm_cnc.check import prepare
+from pkm_cnc.cli.arguments import add_machine, setup_of
+from pkm_cnc.cli.progress import live_line
+from pkm_cnc.program import read_program
+from pkm_cnc.simulation import simulate
+from pkm_cnc.topics import topics
+
+__all__ = ["add_parser"]
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser("simulate", help="the same steps without ROS, the same bag")
+    parser.add_argument("program", metavar="PROGRAM", help="part program (RS-274, mm)")
+    add_machine(parser)
+    parser.add_argument("--bag", required=True, metavar="DIR", help="folder of the bag; must not exist")
+    parser.set_defaults(action=_simulate)
+
+
+def _simulate(arguments: argparse.Namespace) -> None:
+    setup = setup_of(arguments)
+    program = read_program(arguments.program)
+    toolpath = prepare(setup, program)
+    recorded = [topic for topic in topics(tuple(setup.axes)).values() if topic.recorded]
+    started = time.monotonic()
+    with live_line("simulate", setup.servo_period) as show, BagWriter(arguments.bag, recorded) as bag:
+        count = simulate(setup, program, toolpath, bag, lambda cycle: show(cycle.cycle))
+    wall, machine = time.monotonic() - started, count * setup.servo_period
+    print(f"bag {arguments.bag}: {machine:.3f} s of machine time in {wall:.1f} s ({machine / wall:.2f} x real time)")

@@ -1,0 +1,267 @@
+"""A machine as its YAML file describes it: read, overridden, checked, and written back in full.
+
+The file has the form of a ROS parameter file (`/**: ros__parameters: ...`) and serves as one. Keys are dotted paths:
+`machine`, `servo_period`, ..., then sections (`geometry.*`, `motion.*`, `drive.*`, ...). A section that belongs to an
+axis may be overridden for one axis by putting the axis in front: `u1.drive.kv`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pkm_cnc.errors import InputError
+from pkm_cnc.kinematics import Machine, load_kinematics
+from pkm_cnc.motion import MotionParameters
+from pkm_cnc.parameters import Parameter, Value, parameter, parameters_of, read_section
+from pkm_cnc.plant import ScaleParameters, ScrewParameters, TravelParameters
+from pkm_cnc.records import Vector
+from pkm_cnc.servo import DriveParameters
+
+__all__ = ["AxisSetup", "GraphParameters", "Setup", "load_setup", "machine_files", "setup_from_parameters", "setup_from_text"]
+
+NANOSECONDS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class ControllerParameters:
+    """The parameters without a section."""
+
+    servo_period: float = parameter(
+        0.001, "servo period T; a whole number of nanoseconds", unit="s", minimum=1e-5, maximum=0.1
+    )
+    start_pose: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "TCP in base_link at rest in cycle 0", unit="m", minimum=-100.0, maximum=100.0
+    )
+    program_zero: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "zero of part programs, in base_link", unit="m", minimum=-100.0, maximum=100.0
+    )
+
+
+@dataclass(frozen=True)
+class GraphParameters:
+    """How the nodes keep together. None of it changes a result."""
+
+    window: int = parameter(
+        8,
+        "W: the interpolator runs at most this many cycles ahead of the slowest of contour_monitor and recorder; "
+        "enough for every stage to have a cycle in hand, little enough to stop within 10 ms of machine time",
+        unit="cycles",
+        minimum=1,
+        maximum=1000,
+    )
+    watchdog: float = parameter(
+        5.0,
+        "wall time without an awaited input after which a node is declared missing; well above what a busy machine or "
+        "a slow disk delays a message by",
+        unit="s",
+        minimum=0.1,
+        maximum=3600.0,
+    )
+
+
+AXIS_SECTIONS: dict[str, type] = {
+    "drive": DriveParameters,
+    "screw": ScrewParameters,
+    "scale": ScaleParameters,
+    "travel": TravelParameters,
+}
+
+
+@dataclass(frozen=True)
+class AxisSetup:
+    """One axis: drive, screw, linear scale and travel."""
+
+    drive: DriveParameters
+    screw: ScrewParameters
+    scale: ScaleParameters
+    travel: TravelParameters
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Everything that a run depends on but the part program. SI units, TCP in base_link."""
+
+    machine_name: str
+    machine: Machine
+    servo_period_ns: int
+    start_pose: Vector
+    program_zero: Vector
+    motion: MotionParameters
+    graph: GraphParameters
+    axes: dict[str, AxisSetup]
+    parameters: dict[str, tuple[Value, Parameter]]
+    """All parameters by key, defaults included, each with its description."""
+
+    @property
+    def servo_period(self) -> float:
+        """Servo period T, s."""
+        return self.servo_period_ns / NANOSECONDS
+
+    def to_yaml(self) -> str:
+        """The machine file that makes this setup again, every default written out."""
+        values = {
+            key: list(value) if isinstance(value, tuple) else value for key, (value, _) in self.parameters.items()
+        }
+        return yaml.safe_dump({"/**": {"ros__parameters": _nested(values)}}, sort_keys=False)
+
+
+def machine_files() -> dict[str, Path]:
+    """The machine files that come with the package, by bare name."""
+    package = Path(__file__).resolve().parent
+    candidates = [package.parent / "config", *(parent / "share" / "pkm_cnc" / "config" for parent in package.parents)]
+    for folder in candidates:
+        if folder.is_dir():
+            return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    return {}
+
+
+def load_setup(machine: str, overrides: Iterable[str] = ()) -> Setup:
+    """Read a machine file by path or bare name, then apply overrides of the form "drive.kv=25".
+
+    Raises InputError naming file, key, value and bound.
+    """
+    path = machine_files().get(machine, Path(machine))
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        known = ", ".join(machine_files())
+        raise InputError(f"machine {machine}: {error.strerror}; by name there are: {known}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"machine {machine}: not a text file") from None
+    try:
+        return setup_from_text(text, overrides)
+    except InputError as error:
+        raise InputError(f"machine {path}: {error}") from None
+
+
+def setup_from_text(text: str, overrides: Iterable[str] = ()) -> Setup:
+    """Build a setup from the text of a machine file and overrides. Raises InputError naming key, value and bound."""
+    values = _flat_file(text)
+    for override in overrides:
+        key, value = _parse_override(override)
+        values[key] = value
+    return setup_from_parameters(values)
+
+
+def _flat_file(text: str) -> dict[str, object]:
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise InputError("not valid YAML: " + " ".join(str(error).split())) from None
+    if not isinstance(content, dict) or list(content) != ["/**"] or not isinstance(content["/**"], dict):
+        raise InputError("the top level must be '/**:' with 'ros__parameters:' below it")
+    parameters = content["/**"].get("ros__parameters")
+    if list(content["/**"]) != ["ros__parameters"] or not isinstance(parameters, dict):
+        raise InputError("below '/**:' there must be 'ros__parameters:' alone")
+    return dict(_flatten(parameters))
+
+
+def _flatten(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, object]]:
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from _flatten(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    tree: dict[str, Any] = {}
+    for key, value in values.items():
+        *path, leaf = key.split(".")
+        branch = tree
+        for name in path:
+            branch = branch.setdefault(name, {})
+        branch[leaf] = value
+    return tree
+
+
+def _parse_override(text: str) -> tuple[str, object]:
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise InputError(f"--set {text}: must be KEY=VALUE, e.g. drive.kv=25")
+    try:
+        return key.strip(), yaml.safe_load(value)
+    except yaml.YAMLError:
+        raise InputError(f"--set {text}: {value!r} is not a value") from None
+
+
+def setup_from_parameters(values: Mapping[str, object]) -> Setup:
+    """Build a setup from parameters by dotted key; what is missing takes its default, but `machine` must be there.
+
+    Raises InputError naming the key and the bound, for unknown keys too.
+    """
+    if not isinstance(values.get("machine"), str):
+        raise InputError("machine: missing; it names the kinematics, e.g. tripod")
+    name = str(values["machine"])
+    kinematics = load_kinematics(name)
+    sections = {"": ControllerParameters, "geometry": kinematics.Geometry, "motion": MotionParameters}
+    sections |= {"graph": GraphParameters, **AXIS_SECTIONS}
+    given = _by_section({key: value for key, value in values.items() if key != "machine"}, kinematics.axes, sections)
+    common = {
+        section: read_section(kind, given.pop(section, {}), f"{section}." if section else "")
+        for section, kind in sections.items()
+    }
+    axes = {}
+    own: dict[str, Any] = {}
+    for axis in kinematics.axes:
+        parts = {section: (common[section], given.pop(f"{axis}.{section}", {})) for section in AXIS_SECTIONS}
+        axes[axis] = AxisSetup(
+            **{section: _override(base, extra, f"{axis}.{section}.") for section, (base, extra) in parts.items()}
+        )
+        own |= {f"{axis}.{section}": (axes[axis], section, extra) for section, (_, extra) in parts.items() if extra}
+    controller, motion, graph = common[""], common["motion"], common["graph"]
+    period = round(controller.servo_period * NANOSECONDS)
+    if abs(period - controller.servo_period * NANOSECONDS) > 1e-6 * period:
+        raise InputError(f"servo_period: {controller.servo_period} s is not a whole number of nanoseconds")
+    return Setup(
+        machine_name=name,
+        machine=kinematics(common["geometry"]),
+        servo_period_ns=period,
+        start_pose=controller.start_pose,
+        program_zero=controller.program_zero,
+        motion=motion,
+        graph=graph,
+        axes=axes,
+        parameters=_described(name, common, own),
+    )
+
+
+def _by_section(
+    values: Mapping[str, object], axes: tuple[str, ...], sections: Mapping[str, type]
+) -> dict[str, dict[str, object]]:
+    allowed = {*sections, *(f"{axis}.{section}" for axis in axes for section in AXIS_SECTIONS)}
+    given: dict[str, dict[str, object]] = {}
+    for key, value in values.items():
+        section, _, name = key.rpartition(".")
+        if section not in allowed:
+            raise InputError(f"{key}: unknown parameter; sections are {', '.join(sorted(allowed - {''}))}")
+        given.setdefault(section, {})[name] = value
+    return given
+
+
+def _override(base: Any, values: Mapping[str, object], prefix: str) -> Any:
+    common = {spec.name: getattr(base, spec.name) for spec in parameters_of(type(base))}
+    return read_section(type(base), {**common, **values}, prefix)
+
+
+def _described(name: str, common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, tuple[Value, Parameter]]:
+    kind = parameter(name, "the kinematics: name of its module")
+    described: dict[str, tuple[Value, Parameter]] = {
+        "machine": (name, dataclasses.replace(kind.metadata["parameter"], name="machine"))
+    }
+    for section, content in common.items():
+        for spec in parameters_of(type(content)):
+            key = f"{section}.{spec.name}" if section else spec.name
+            described[key] = (getattr(content, spec.name), spec)
+    for prefix, (axis, section, extra) in own.items():
+        content = getattr(axis, section)
+        for spec in parameters_of(type(content)):
+            if spec.name in extra:
+                described[f"{prefix}.{spec.name}"] = (getattr(content, spec.name), spec)
+    return described

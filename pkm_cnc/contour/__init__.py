@@ -1,0 +1,44 @@
+"""Contour error: exact, cycle by cycle, summed up per segment; star test and circular test, written and evaluated.
+
+Signs: left + = the tool is left of travel, seen from +z; up + = above; radial deviation + = the circle is too small.
+"""
+
+from pkm_cnc.contour.circular_test import (
+    CirclePath,
+    arc_report,
+    circle_pair_report,
+    circle_pairs,
+    circle_path,
+    circle_program,
+    circle_report,
+    extrema,
+    is_full_circle,
+    least_squares_circle,
+)
+from pkm_cnc.contour.contour_error import ContourTracker
+from pkm_cnc.contour.monitor import ContourMonitor, in_position
+from pkm_cnc.contour.star_test import heading_deg, line_report, parse_headings, star_program
+from pkm_cnc.contour.summary import SegmentStatistics, SegmentSummary, contour_error_report
+
+__all__ = [
+    "CirclePath",
+    "ContourMonitor",
+    "ContourTracker",
+    "SegmentStatistics",
+    "SegmentSummary",
+    "arc_report",
+    "circle_pair_report",
+    "circle_pairs",
+    "circle_path",
+    "circle_program",
+    "circle_report",
+    "contour_error_report",
+    "extrema",
+    "heading_deg",
+    "in_position",
+    "is_full_circle",
+    "least_squares_circle",
+    "line_report",
+    "parse_headings",
+    "star_program",
+]

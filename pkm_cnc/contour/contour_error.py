@@ -1,0 +1,134 @@
+"""Contour error: the shortest vector from the programmed contour to the tool, exact on the geometry, cycle by cycle.
+
+Which part of the contour the tool is on is not a matter of distance alone: contours cross themselves, run back on
+themselves and round the same circle again. So the nearest point is looked for only between a progress pointer, the
+element of the last foot, and the element the setpoint is on; the pointer never goes back.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+
+from pkm_cnc.errors import MachineFault
+from pkm_cnc.program import Arc, Element
+from pkm_cnc.records import ContourError, Vector
+from pkm_cnc.tolerances import TIE, VERTICAL
+
+__all__ = ["ContourTracker"]
+
+_COMPACT_AT = 256  # dropped elements that may pile up before the lists are shortened: keeps dropping O(1) on average
+
+
+class ContourTracker:
+    """Finds the contour error of one run; memory grows only with the elements between the tool and the setpoint."""
+
+    def __init__(self) -> None:
+        self._elements: list[Element] = []
+        self._path_starts: list[float] = []
+        self._reaches: list[float] = []  # m along the geometry to each element's start, gaps between elements included
+        self._tail: tuple[Vector, float] | None = None  # where the last element ends, and its reach
+        self._offset = 0  # index of the toolpath segment at place 0 of the lists
+        self._place = 0  # the progress pointer
+        self._s = 0.0  # m, the last foot on the pointer's element
+        self._furthest = 0.0  # m, the furthest foot so far on the pointer's element
+
+    def add(self, index: int, element: Element, path_start: float) -> None:
+        """Append toolpath segment `index` (counts up by one), which begins `path_start` m along the contour.
+
+        Raises MachineFault if the index does not follow the last one.
+        """
+        if not self._elements:
+            self._offset = index
+        expected = self._offset + len(self._elements)
+        if index != expected:
+            raise MachineFault(f"contour: toolpath segment {index} arrived where segment {expected} was expected")
+        end, reach = self._tail or (element.start, 0.0)
+        reach += math.dist(end, element.start)
+        self._elements.append(element)
+        self._path_starts.append(path_start)
+        self._reaches.append(reach)
+        self._tail = (element.end, reach + _extent(element))
+
+    def step(self, point: Vector, setpoint_segment: int) -> ContourError:
+        """Contour error of the true TCP `point` (m, base_link) while the setpoint is on segment `setpoint_segment`.
+
+        The foot is the nearest point of the elements from the progress pointer to the setpoint's own; of elements
+        whose distances are within TIE of the smallest, the earliest has it, except that an element on which the
+        tool runs back gives way to a later one as near: there the contour has turned back on itself. left =
+        (z x t)/|z x t| and up = t x left with the unit tangent t at the foot; both NaN where t is parallel to z.
+
+        Raises MachineFault if that segment has not been added, or lies behind the progress pointer.
+        """
+        place = self._place
+        last = setpoint_segment - self._offset
+        if not place <= last < len(self._elements):
+            known = f"{self._offset + place} to {self._offset + len(self._elements) - 1}" if self._elements else "none"
+            raise MachineFault(f"contour: the setpoint is on toolpath segment {setpoint_segment}, known are {known}")
+        element = self._elements[place]
+        s = element.nearest(point, self._s)
+        if last > place:
+            place, s = self._earliest_of_nearest(point, s, last)
+        if place != self._place:
+            element = self._elements[place]
+            self._place = place
+            self._furthest = s
+        elif s > self._furthest:
+            self._furthest = s
+        self._s = s
+        error = _error(point, element, s, self._path_starts[place] + s, self._offset + place)
+        if place >= _COMPACT_AT and 2 * place >= len(self._elements):
+            self._drop_passed()
+        return error
+
+    def _earliest_of_nearest(self, point: Vector, s: float, last: int) -> tuple[int, float]:
+        """Place and foot of the element that has `point`, from the pointer (where the foot is `s`) to place `last`.
+
+        Elements out of reach are passed over, and exactly so: walking a length l along the contour brings no point
+        nearer by more than l, so from a start D away all within D - nearest of it is further than the nearest.
+        """
+        nearest = math.dist(point, self._elements[self._place].position(s))
+        near = [(nearest, self._place, s)]
+        place = self._place + 1
+        while place <= last:
+            element = self._elements[place]
+            spare = math.dist(point, element.start) - nearest - TIE
+            if spare > 0.0:
+                beyond = bisect_right(self._reaches, self._reaches[place] + spare, place + 1, last + 1) - 1
+                if beyond > place:
+                    place = beyond
+                    continue
+            candidate = element.nearest(point, 0.0)
+            distance = math.dist(point, element.position(candidate))
+            if distance <= nearest + TIE:
+                near.append((distance, place, candidate))
+                nearest = min(nearest, distance)
+            place += 1
+        ties = [(place, s) for distance, place, s in near if not distance > nearest + TIE]
+        runs_back = ties[0][0] == self._place and s < self._furthest - TIE
+        return ties[1] if runs_back and len(ties) > 1 else ties[0]
+
+    def _drop_passed(self) -> None:
+        passed = self._place
+        del self._elements[:passed], self._path_starts[:passed], self._reaches[:passed]
+        self._offset += passed
+        self._place = 0
+
+
+def _extent(element: Element) -> float:
+    """Path length, and by how much an arc's end misses the circle through its start (programs are rounded)."""
+    if isinstance(element, Arc):
+        return element.length + abs(math.dist(element.end, element.center) - element.radius)
+    return element.length
+
+
+def _error(point: Vector, element: Element, s: float, path_length: float, segment: int) -> ContourError:
+    foot_x, foot_y, foot_z = element.position(s)
+    tx, ty, tz = element.tangent(s)
+    x, y, z = point[0] - foot_x, point[1] - foot_y, point[2] - foot_z
+    horizontal = math.sqrt(tx * tx + ty * ty)
+    left = up = math.nan
+    if horizontal > VERTICAL:
+        left = (tx * y - ty * x) / horizontal
+        up = z * horizontal - tz * ((tx * x + ty * y) / horizontal)
+    return ContourError(x, y, z, left, up, math.sqrt(x * x + y * y + z * z), path_length, segment)

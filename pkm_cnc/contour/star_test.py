@@ -1,0 +1,89 @@
+"""Star test: straight lines of many headings through one pivot point (thesis 6.5.1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from pkm_cnc.contour.program_text import coordinate, number, require_positive, rounded
+from pkm_cnc.contour.summary import SegmentSummary, contour_error_report
+from pkm_cnc.errors import InputError
+from pkm_cnc.program import Line
+from pkm_cnc.tolerances import VERTICAL
+
+__all__ = ["heading_deg", "line_report", "parse_headings", "star_program"]
+
+_MOST_HEADINGS = 3600
+
+
+def parse_headings(text: str) -> list[float]:
+    """Headings in degrees from "first:last:step" (last included where a step meets it) or from a comma list.
+
+    Raises InputError for what is no such list, a step that is 0 or leads away from `last`, too many headings.
+    """
+    separator = ":" if ":" in text else ","
+    try:
+        numbers = [float(part) for part in text.split(separator)]
+    except ValueError:
+        numbers = []
+    if not numbers or not all(map(math.isfinite, numbers)) or (separator == ":" and len(numbers) != 3):
+        raise InputError(f"headings: {text!r} is neither first:last:step nor a comma list of numbers, in degrees")
+    if separator == ",":
+        return numbers
+    first, last, step = numbers
+    if step == 0.0 or (last - first) / step < 0.0:
+        raise InputError(f"headings: a step of {step:g} deg does not lead from {first:g} to {last:g} deg")
+    steps = (last - first) / step + 1e-9  # the last one counts in spite of rounding
+    if steps >= _MOST_HEADINGS:
+        raise InputError(f"headings: {text!r} makes {steps + 1:.0f} headings, over the most of {_MOST_HEADINGS}")
+    return [first + index * step for index in range(int(steps) + 1)]
+
+
+def star_program(feed_mm_min: float, headings_deg: Sequence[float], pivot_mm: Sequence[float], length_mm: float) -> str:
+    """The star test as a part program (mm): per heading a rapid to the line's start and a feed through its middle.
+
+    `pivot_mm` is the point x, y that all lines are centred on; z stays where it is. Headings are degrees
+    counter-clockwise from +x. Raises InputError for a feed or a length that is not above 0, or no headings.
+    """
+    require_positive(feed_mm_min=feed_mm_min, length_mm=length_mm)
+    if not headings_deg:
+        raise InputError("headings: none given")
+    x, y = pivot_mm
+    blocks = [
+        f"(star test: {len(headings_deg)} lines of {number(length_mm)} mm"
+        f" through X{number(x)} Y{number(y)} mm at {number(feed_mm_min)} mm/min)",
+        "G21 G90 G17",
+    ]
+    for heading in headings_deg:
+        dx = 0.5 * length_mm * math.cos(math.radians(heading))
+        dy = 0.5 * length_mm * math.sin(math.radians(heading))
+        blocks += [
+            f"(heading {number(heading)} deg)",
+            f"G0 X{coordinate(x - dx)} Y{coordinate(y - dy)}",
+            f"G1 X{coordinate(x + dx)} Y{coordinate(y + dy)} F{number(feed_mm_min)}",
+        ]
+    return "\n".join([*blocks, "M2", ""])
+
+
+def heading_deg(line: Line) -> float | None:
+    """Direction of travel in the x-y plane, degrees counter-clockwise from +x in (-180, 180]; None for a vertical line.
+
+    Rounded to 1e-6 deg: what the coordinates of a part program tell of it.
+    """
+    x, y, _ = line.tangent(0.0)
+    if math.hypot(x, y) <= VERTICAL:
+        return None
+    heading = rounded(math.degrees(math.atan2(y, x)))
+    return 180.0 if heading == -180.0 else heading
+
+
+def line_report(line: Line, summary: SegmentSummary) -> dict[str, object]:
+    """JSON entry of an evaluated line: keys carry their units, None = not available."""
+    return {
+        "kind": "line",
+        "line": line.line,
+        "heading_deg": heading_deg(line),
+        "feed_mm_min": rounded(line.feed * 60e3),
+        "length_mm": rounded(line.length * 1e3),
+        **contour_error_report(summary),
+    }

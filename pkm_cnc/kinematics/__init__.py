@@ -1,0 +1,29 @@
+"""Kinematics: how the joints of a machine and its TCP move each other, one module per machine.
+
+A machine is one module `<name>.py` here with one public class `<Name>` that follows the `Machine` protocol; it is
+loaded by its name and nothing else needs an edit. No machines are `machine` (the protocol) and `_pointwise`
+(arithmetic on single poses and arrays alike).
+"""
+
+import importlib
+import pkgutil
+from typing import cast
+
+from pkm_cnc.errors import InputError
+from pkm_cnc.kinematics.machine import Machine, Violation
+
+__all__ = ["Machine", "Violation", "load_kinematics"]
+
+
+def load_kinematics(name: str) -> type[Machine]:
+    """The class of the machine called `name`: `Tripod` of `pkm_cnc.kinematics.tripod` for "tripod".
+
+    Raises InputError, listing the machines there are, if there is none of that name.
+    """
+    known = sorted(
+        module.name for module in pkgutil.iter_modules(__path__) if module.name != "machine" and module.name[0] != "_"
+    )
+    if name not in known:
+        raise InputError(f"kinematics: {name!r} is unknown; there are {', '.join(known)}")
+    module = importlib.import_module(f"{__name__}.{name}")
+    return cast(type[Machine], getattr(module, name.capitalize()))

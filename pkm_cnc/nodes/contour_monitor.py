@@ -1,0 +1,78 @@
+"""contour_monitor: where the TCP is, as believed and as it truly is, and how far from the programmed contour."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pkm_cnc import run_messages
+from pkm_cnc.contour import ContourMonitor, in_position
+from pkm_cnc.errors import MachineFault
+from pkm_cnc.messages import deserialize
+from pkm_cnc.nodes.graph_node import GraphNode
+from pkm_cnc.nodes.runner import run_node
+from pkm_cnc.records import PHASE_END, PHASE_MOVE, AxisState, TcpSetpoint, Vector
+from pkm_cnc.topics import CONTOUR_MONITOR
+from pkm_cnc.visuals import Visuals
+
+__all__ = ["ContourMonitorNode", "main"]
+
+SEGMENT = "toolpath/segment"
+
+
+class ContourMonitorNode(GraphNode):
+    """tcp/setpoint and all actuals -> tcp/state, contour_error, summaries, pictures for tools, progress."""
+
+    handled = (SEGMENT,)
+
+    def prepare(self) -> None:
+        """Make the monitor."""
+        self._monitor = ContourMonitor()
+        self._visuals = Visuals(self.setup.machine, tuple(self.setup.axes), self.setup.servo_period_ns)
+        self._segments = 0
+        self._stride = max(1, self.setup.graph.window // 4)
+        self._tolerance = self.setup.motion.in_position_tolerance
+
+    def handle(self, topic: str, data: bytes) -> None:
+        """A segment arrives ahead of its use."""
+        content = deserialize(data, self.topics[topic].typename)
+        if content.index < self._segments:
+            self.join.ignored += 1
+            return
+        if content.index > self._segments:
+            raise MachineFault(f"{topic}: segment {content.index} received, segment {self._segments} expected")
+        element = run_messages.element_of(content)
+        self._monitor.add_segment(content.index, element, content.path_start)
+        self._visuals.add(element)
+        self._segments += 1
+
+    def may_step(self) -> bool:
+        """The segment of the next setpoint must be known."""
+        return TcpSetpoint(*self.join.peek(0)).segment < self._segments
+
+    def step(self, cycle: int, inputs: list[tuple[Any, ...]]) -> None:
+        """Judge one cycle."""
+        setpoint = TcpSetpoint(*inputs[0])
+        states = [AxisState(*values) for values in inputs[1:]]
+        believed = self._tcp([state.position for state in states])
+        true = self._tcp([state.slider_position for state in states])
+        tcp, error = self._monitor.step(setpoint, believed, true)
+        for topic, data in self._visuals.step(cycle, states, tcp):
+            self.send(topic, cycle, data)
+        last = setpoint.phase == PHASE_END
+        for summary in self._monitor.finish() if last else self._monitor.take_summaries():
+            time = cycle * self.setup.servo_period_ns
+            self.send("contour_monitor/segment_summary", cycle, run_messages.segment_summary(summary, time))
+        self.publish("tcp/state", cycle, tcp)
+        self.publish("contour_error", cycle, error)
+        if (cycle + 1) % self._stride == 0 or setpoint.phase != PHASE_MOVE:
+            rests = in_position(setpoint, believed, self._tolerance)
+            self.publish("contour_monitor/progress", cycle, (rests,))
+
+    def _tcp(self, joints: list[float]) -> Vector:
+        x, y, z = self.setup.machine.forward(joints).tolist()
+        return x, y, z
+
+
+def main() -> None:
+    """Entry point of `ros2 run pkm_cnc contour_monitor`."""
+    run_node(ContourMonitorNode, CONTOUR_MONITOR)

@@ -1,0 +1,116 @@
+"""interpolator: part program -> setpoint of the TCP, one message a servo cycle, at most a window ahead of the slowest."""
+
+from __future__ import annotations
+
+import time
+
+from rclpy.clock import Clock, ClockType
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from pkm_cnc import run_messages
+from pkm_cnc.check import prepare
+from pkm_cnc.errors import InputError
+from pkm_cnc.messages import message, serialize, stamp
+from pkm_cnc.motion import Interpolator
+from pkm_cnc.nodes.graph_node import GraphNode
+from pkm_cnc.nodes.runner import run_node
+from pkm_cnc.nodes.watchdog import Report
+from pkm_cnc.program import read_program
+from pkm_cnc.topics import CONTOUR_MONITOR, INTERPOLATOR, RECORDER
+
+__all__ = ["InterpolatorNode", "main"]
+
+MONITOR_PROGRESS, RECORDER_PROGRESS = f"{CONTOUR_MONITOR}/progress", f"{RECORDER}/progress"
+CLOCK_PERIOD_NS = 10_000_000
+"""ns of machine time between two /clock messages: 100 Hz, for tools only."""
+PACINGS = ("fast", "realtime")
+
+
+class InterpolatorNode(GraphNode):
+    """Publishes run_info, toolpath/segment ahead of use, tcp/setpoint, and /clock for tools."""
+
+    handled = (MONITOR_PROGRESS, RECORDER_PROGRESS)
+
+    def prepare(self) -> None:
+        """Read and check the whole program: nothing moves before all of it is known to be reachable."""
+        if not self.run.get("program"):
+            raise InputError("interpolator: parameter program is missing; give -p program:=FILE")
+        self._pacing = self.run.get("pacing", "fast")
+        if self._pacing not in PACINGS:
+            raise InputError(f"interpolator: parameter pacing: {self._pacing!r} is not one of {', '.join(PACINGS)}")
+        self._program = read_program(self.run["program"])
+        self._toolpath = prepare(self.setup, self._program)
+        self._interpolator = Interpolator(self._toolpath, self.setup.motion, self.setup.servo_period)
+        self._cycle = 0
+        self._announced = 0
+        self._in_position = True
+        self._progress = {MONITOR_PROGRESS: -1, RECORDER_PROGRESS: -1}
+        self.overruns = 0
+        self._clock = self.create_publisher(ClockMessage, "/clock", 10)
+        self._clock_cycles = max(1, CLOCK_PERIOD_NS // self.setup.servo_period_ns)
+
+    def start(self) -> None:
+        """Begin the run."""
+        self.send("run_info", 0, run_messages.run_info(self.setup, self._program))
+        self._started = time.monotonic()
+        if self._pacing == "realtime":
+            self.create_timer(self.setup.servo_period, self._release, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._release()
+
+    def handle(self, topic: str, data: bytes) -> None:
+        """A consumer tells its progress."""
+        cycle, (in_position,) = self.topics[topic].codec.unpack(data)
+        self._progress[topic] = cycle
+        if topic == MONITOR_PROGRESS:
+            self._in_position = in_position
+        self.alive()
+        self._release()
+
+    def _release(self) -> None:
+        """Publish every setpoint that the window, the machine's rest and the pacing allow."""
+        while not self._interpolator.finished and self.ended is None and self._may_release():
+            setpoint = self._interpolator.step(self._in_position)
+            stamp_ns = self._cycle * self.setup.servo_period_ns
+            while self._announced <= setpoint.segment:
+                element, start = self._toolpath.elements[self._announced], self._toolpath.starts[self._announced]
+                data = run_messages.segment(self._announced, element, start, stamp_ns)
+                self.send("toolpath/segment", self._cycle, data)
+                self._announced += 1
+            self.publish("tcp/setpoint", self._cycle, setpoint)
+            if self._cycle % self._clock_cycles == 0:
+                self._clock.publish(serialize(message("rosgraph_msgs/msg/Clock", clock=stamp(stamp_ns))))
+            self._cycle += 1
+
+    def _may_release(self) -> bool:
+        if self._cycle > min(self._progress.values()) + self.setup.graph.window:
+            return False
+        if self._interpolator.needs_feedback and self._progress[MONITOR_PROGRESS] < self._cycle - 1:
+            return False
+        return self._pacing == "fast" or self._due()
+
+    def _due(self) -> bool:
+        late = time.monotonic() - self._started - self._cycle * self.setup.servo_period
+        if late > self.setup.servo_period:
+            self.overruns += 1
+        return late >= 0
+
+    def waits_for(self) -> Report | None:
+        """The interpolator waits for the consumer whose progress holds its window."""
+        if self._interpolator.finished:
+            return Report(self.full_name, RECORDER, "run_end", self._cycle - 1)
+        slowest = min(self._progress, key=lambda topic: (self._progress[topic], topic))
+        return Report(self.full_name, self.topics[slowest].publisher, slowest, self._progress[slowest] + 1)
+
+    def figures(self) -> dict[str, str]:
+        """Cycles sent and overruns of the real-time pacing."""
+        return {"cycle": str(self._cycle), "overruns": str(self.overruns)}
+
+    def close(self) -> None:
+        """Tell how well the pacing was kept."""
+        if self.overruns:
+            self.get_logger().warning(f"realtime: {self.overruns} of {self._cycle} cycles were late by over a period")
+
+
+def main() -> None:
+    """Entry point of `ros2 run pkm_cnc interpolator`."""
+    run_node(InterpolatorNode, INTERPOLATOR)

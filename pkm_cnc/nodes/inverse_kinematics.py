@@ -1,0 +1,31 @@
+"""inverse_kinematics: setpoint of the TCP -> setpoint of every drive."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pkm_cnc.nodes.graph_node import GraphNode
+from pkm_cnc.nodes.runner import run_node
+from pkm_cnc.topics import INVERSE_KINEMATICS
+
+__all__ = ["InverseKinematicsNode", "main"]
+
+
+class InverseKinematicsNode(GraphNode):
+    """tcp/setpoint -> u1/setpoint, u2/setpoint, ...: position, velocity and acceleration, analytic."""
+
+    def prepare(self) -> None:
+        """Names of the topics to publish."""
+        self._names = [f"{axis}/setpoint" for axis in self.setup.axes]
+
+    def step(self, cycle: int, inputs: list[tuple[Any, ...]]) -> None:
+        """Transform one setpoint."""
+        tcp = inputs[0]
+        motion = self.setup.machine.motion(tcp[0:3], tcp[3:6], tcp[6:9])
+        for name, setpoint in zip(self._names, zip(*(part.tolist() for part in motion), strict=True), strict=True):
+            self.publish(name, cycle, setpoint)
+
+
+def main() -> None:
+    """Entry point of `ros2 run pkm_cnc inverse_kinematics`."""
+    run_node(InverseKinematicsNode, INVERSE_KINEMATICS)

@@ -1,0 +1,100 @@
+"""Runs nodes of one process from configuration to the end of the run."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from pkm_cnc.nodes.graph_node import GraphNode
+from pkm_cnc.run_messages import End
+
+__all__ = ["make_executor", "run_node", "run_nodes"]
+
+SLICE = 0.1
+"""s of wall time after which the executor is left to look for signals and the end."""
+LEAVE_TIMEOUT = 5.0
+"""s of wall time that the nodes of one process have to hear the end after the first of them did."""
+
+
+def make_executor(context: Context) -> Any:
+    """The events executor where this rclpy has it (a tenth of the cost of a hop), else the ordinary one."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
+
+
+def run_nodes(nodes: Sequence[GraphNode], context: Context, tick: Callable[[], None] = lambda: None) -> End:
+    """Configure and activate `nodes`, spin until all have heard the end of the run, and return it.
+
+    SIGINT and SIGTERM end the run cleanly. `tick` is called some ten times a second.
+    """
+    for node in nodes:
+        node.trigger_configure()
+        if node.ended is not None:
+            return node.ended
+    for node in nodes:
+        node.trigger_activate()
+    return _spin(nodes, context, tick)
+
+
+def _spin(nodes: Sequence[GraphNode], context: Context, tick: Callable[[], None]) -> End:
+    executor = make_executor(context)
+    for node in nodes:
+        executor.add_node(node)
+    leave_by = float("inf")
+    try:
+        with _signals() as caught:
+            while any(node.ended is None for node in nodes) and time.monotonic() < leave_by:
+                executor.spin_until_future_complete(Future(), SLICE)
+                tick()
+                if caught:
+                    nodes[0].fail(f"stopped by {signal.Signals(caught.pop()).name}")
+                if leave_by == float("inf") and any(node.ended is not None for node in nodes):
+                    leave_by = time.monotonic() + LEAVE_TIMEOUT
+        for node in nodes:
+            node.leave()
+    except ExternalShutdownException:
+        pass
+    ends = [node.ended for node in nodes if node.ended is not None]
+    return next((end for end in ends if not end.completed), ends[0])
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    caught: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        caught.append(number)
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def run_node(kind: Callable[..., GraphNode], name: str) -> None:
+    """Run one node as its own process and exit: 0 at the end of the run, 1 after a fault, 2 for bad input."""
+    context = Context()
+    rclpy.init(args=sys.argv, context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        end = run_nodes([kind(name, context=context)], context)
+    finally:
+        context.try_shutdown()
+    if not end.completed:
+        print(f"pkm_cnc: {end.node}: {end.reason}", file=sys.stderr)
+        sys.exit(end.exit_code)

@@ -1,0 +1,6 @@
+"""What people read: tables and pictures, in mm, um and mm/min."""
+
+from pkm_cnc.report.pictures import draw
+from pkm_cnc.report.tables import table
+
+__all__ = ["draw", "table"]

@@ -1,0 +1,122 @@
+"""The messages below the servo rate that describe a run: made here for graph, simulation and bag alike, and read back."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+import platform
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pkm_cnc import __version__
+from pkm_cnc.config import Setup
+from pkm_cnc.contour import SegmentSummary
+from pkm_cnc.messages import deserialize, message, serialize
+from pkm_cnc.program import Arc, Line, Program
+from pkm_cnc.records import Vector
+from pkm_cnc.topics import BASE_FRAME
+
+__all__ = ["End", "element_of", "end_of", "run_end", "run_info", "segment", "segment_summary"]
+
+LINE, ARC = 0, 1
+
+
+class End(NamedTuple):
+    """How a run ended: in which cycle, by whose word, why (empty: it completed), and what a command exits with."""
+
+    cycle: int
+    node: str
+    reason: str
+    exit_code: int = 1
+
+    @property
+    def completed(self) -> bool:
+        """Whether the part program ran to its end and everything is recorded."""
+        return not self.reason
+
+
+def run_info(setup: Setup, program: Program) -> bytes:
+    """pkm_cnc_msgs/RunInfo: what made the run."""
+    versions = {"pkm_cnc": __version__, "python": platform.python_version()}
+    versions |= {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "rosbags", "mcap")}
+    return serialize(
+        message(
+            "pkm_cnc_msgs/msg/RunInfo",
+            header=(0, ""),
+            machine=setup.machine_name,
+            parameters=setup.to_yaml(),
+            program_name=Path(program.name).name,
+            program=program.text,
+            versions="\n".join(f"{name} {version}" for name, version in versions.items()),
+            servo_period=setup.servo_period_ns,
+        )
+    )
+
+
+def segment(index: int, element: Line | Arc, path_start: float, time: int) -> bytes:
+    """pkm_cnc_msgs/ToolpathSegment of one toolpath element; `time` = stamp of the cycle that needs it, ns."""
+    arc = element if isinstance(element, Arc) else None
+    nowhere = (math.nan, math.nan, math.nan)
+    return serialize(
+        message(
+            "pkm_cnc_msgs/msg/ToolpathSegment",
+            header=(time, BASE_FRAME),
+            index=index,
+            line=element.line,
+            kind=ARC if arc else LINE,
+            traverse=element.traverse,
+            evaluated=element.evaluated,
+            start=_point(element.start),
+            end=_point(element.end),
+            center=_point(arc.center if arc else nowhere),
+            radius=arc.radius if arc else math.nan,
+            sweep=arc.sweep if arc else math.nan,
+            length=element.length,
+            path_start=path_start,
+            feed=element.feed,
+        )
+    )
+
+
+def element_of(content: Any) -> Line | Arc:
+    """The toolpath element that a ToolpathSegment message object describes."""
+    common = {
+        "line": content.line,
+        "start": (content.start.x, content.start.y, content.start.z),
+        "end": (content.end.x, content.end.y, content.end.z),
+        "feed": content.feed,
+        "traverse": bool(content.traverse),
+        "evaluated": bool(content.evaluated),
+    }
+    if content.kind == LINE:
+        return Line(**common)
+    return Arc(**common, center=(content.center.x, content.center.y, content.center.z), sweep=content.sweep)
+
+
+def segment_summary(summary: SegmentSummary, time: int) -> bytes:
+    """pkm_cnc_msgs/SegmentSummary of one evaluated segment."""
+    return serialize(message("pkm_cnc_msgs/msg/SegmentSummary", header=(time, ""), **summary._asdict()))
+
+
+def run_end(end: End, time: int) -> bytes:
+    """pkm_cnc_msgs/RunEnd; `time` = stamp of its cycle, ns."""
+    return serialize(
+        message(
+            "pkm_cnc_msgs/msg/RunEnd",
+            header=(time, ""),
+            cycle=end.cycle,
+            completed=end.completed,
+            node=end.node,
+            reason=end.reason,
+        )
+    )
+
+
+def end_of(data: bytes) -> End:
+    """The end that a RunEnd message tells."""
+    content = deserialize(data, "pkm_cnc_msgs/msg/RunEnd")
+    return End(content.cycle, content.node, content.reason)
+
+
+def _point(point: Vector) -> Any:
+    return message("geometry_msgs/msg/Point", x=point[0], y=point[1], z=point[2])

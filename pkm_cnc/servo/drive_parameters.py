@@ -1,0 +1,52 @@
+"""The parameters of one servo drive: position loop, supervision, current and velocity controllers, motor.
+
+The defaults are the drive of thesis section 7.4, eq. 7-3, with these readings: `T_p` and `T_pi` are integral gains
+(K + T/s), J_e is 0.0087 kg m^2, and the factor 2 pi that the printed K1*K2 brings in stands in the velocity
+controller, so that torque, inertia and screw keep their physical units. Then eq. 7-1 has the coefficients of
+section 7.6.
+"""
+
+import math
+from dataclasses import dataclass
+
+from pkm_cnc.parameters import parameter
+
+__all__ = ["DriveParameters"]
+
+
+@dataclass(frozen=True)
+class DriveParameters:
+    """Section `drive.*` of a machine, for all axes or for one.
+
+    `cascade` is PI velocity, PI current and motor inside the position loop; `first_order` is an ideal velocity loop,
+    so the position loop is a first-order lag 1/(1 + s/Kv) and the parameters after `following_error_limit` are unused.
+    """
+
+    kind: str = parameter(
+        "cascade",
+        "inside the position loop: cascade = PI velocity, PI current, motor; first_order = an ideal velocity loop",
+        choices=("cascade", "first_order"),
+    )
+    kv: float = parameter(20.0, "velocity gain of the position controller (1.2 m/min per mm)", unit="1/s", above=0.0)
+    following_error_limit: float = parameter(
+        0.020,
+        "tracking error at which the machine stops; a sound drive lags by slider speed / Kv, that is 9.1 mm at "
+        "9000 mm/min where a Tripod's slider moves 1.21 times as fast as the TCP (100 mm off centre): twice the lag "
+        "of the fastest ordinary motion, and a slider that stops dead at 6000 mm/min trips it in about 0.15 s",
+        unit="m",
+        above=0.0,
+    )
+    velocity_gain: float = parameter(
+        2.0 * math.pi * 2.4, "proportional gain of the velocity controller", unit="A s/rad", above=0.0
+    )
+    velocity_integral: float = parameter(
+        2.0 * math.pi * 0.002, "integral gain of the velocity controller", unit="A/rad", minimum=0.0
+    )
+    current_gain: float = parameter(15.0, "proportional gain of the current controller", unit="V/A", above=0.0)
+    current_integral: float = parameter(0.003, "integral gain of the current controller", unit="V/(A s)", minimum=0.0)
+    inductance: float = parameter(0.0072, "of the motor's winding", unit="H", above=0.0)
+    resistance: float = parameter(1.45, "of the motor's winding", unit="Ohm", minimum=0.0)
+    torque_constant: float = parameter(0.77, "torque per current", unit="N m/A", above=0.0)
+    inertia: float = parameter(
+        0.0087, "of motor, screw and slider together, at the motor's shaft", unit="kg m^2", above=0.0
+    )

@@ -1,0 +1,206 @@
+"""The step loop without ROS: the same step objects as the nodes, the same messages, the same bag.
+
+Stages without feedback (inverse and forward kinematics) work on blocks of cycles, because arrays are faster; each row
+equals the single cycle bit for bit, so a run does not depend on the block length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from pkm_cnc import run_messages
+from pkm_cnc.config import Setup
+from pkm_cnc.contour import ContourMonitor, SegmentSummary, in_position
+from pkm_cnc.errors import MachineFault
+from pkm_cnc.motion import Interpolator
+from pkm_cnc.plant import AxisPlant
+from pkm_cnc.program import Program, Toolpath
+from pkm_cnc.records import PHASE_END, AxisCommand, AxisSetpoint, AxisState, ContourError, TcpSetpoint, TcpState
+from pkm_cnc.servo import ServoDrive
+from pkm_cnc.topics import RUN_END, topics
+from pkm_cnc.visuals import Visuals
+
+__all__ = ["Cycle", "Sink", "make_plant", "simulate", "simulated_cycles"]
+
+BLOCK = 512
+"""Cycles computed together: enough to make the cost of an array call small, few enough to stay in the cache."""
+
+
+class Sink(Protocol):
+    """Where a run is written to, e.g. a `pkm_cnc.bag.BagWriter`."""
+
+    def write(self, topic: str, time: int, data: bytes) -> None:
+        """Take the CDR bytes of one message; `time` = its stamp, ns."""
+
+
+class Cycle(NamedTuple):
+    """Everything of one servo cycle; axes in the machine's order.
+
+    `entered` are the indices of the segments that the setpoint reaches in this cycle, `summaries` of those that the
+    tool has left; `next_states` are the axes at cycle + 1.
+    """
+
+    cycle: int
+    entered: range
+    setpoint: TcpSetpoint
+    axis_setpoints: list[AxisSetpoint]
+    states: list[AxisState]
+    commands: list[AxisCommand]
+    next_states: list[AxisState]
+    tcp: TcpState
+    error: ContourError
+    summaries: list[SegmentSummary]
+
+
+def make_plant(setup: Setup, axis: str) -> AxisPlant:
+    """The plant of one axis, at rest at the start pose."""
+    parts = setup.axes[axis]
+    start = setup.machine.inverse(setup.start_pose)[list(setup.axes).index(axis)]
+    return AxisPlant(parts.drive, parts.screw, parts.scale, parts.travel, setup.servo_period, float(start))
+
+
+def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
+    """Run a checked toolpath cycle by cycle. Raises MachineFault naming cycle and axis, after the cycles before it."""
+    interpolator = Interpolator(toolpath, setup.motion, setup.servo_period)
+    axes = _Axes(setup)
+    monitor = ContourMonitor()
+    cycle, known, rests = 0, 0, True
+    while not interpolator.finished:
+        setpoints = [interpolator.step(rests)]
+        while len(setpoints) < BLOCK and not interpolator.needs_feedback and not interpolator.finished:
+            setpoints.append(interpolator.step())
+        rows, fault = axes.run(_axis_setpoints(setup, setpoints), cycle)
+        believed = _tcp(setup, [[state.position for state in row.states] for row in rows])
+        true = _tcp(setup, [[state.slider_position for state in row.states] for row in rows])
+        for setpoint, row, believed_point, true_point in zip(setpoints, rows, believed, true, strict=False):
+            entered = range(known, setpoint.segment + 1)
+            for index in entered:
+                monitor.add_segment(index, toolpath.elements[index], toolpath.starts[index])
+            known = entered.stop
+            tcp, error = monitor.step(setpoint, believed_point, true_point)
+            summaries = monitor.finish() if setpoint.phase == PHASE_END else monitor.take_summaries()
+            yield Cycle(cycle, entered, setpoint, *row, tcp, error, summaries)
+            cycle += 1
+        if fault is not None:
+            raise fault
+        rests = in_position(setpoints[-1], believed[-1], setup.motion.in_position_tolerance)
+
+
+def _axis_setpoints(setup: Setup, setpoints: list[TcpSetpoint]) -> list[list[AxisSetpoint]]:
+    table = np.array([setpoint[:9] for setpoint in setpoints])
+    motion = setup.machine.motion(table[:, 0:3], table[:, 3:6], table[:, 6:9])
+    return [[AxisSetpoint(*values) for values in row] for row in np.stack(motion, axis=-1).tolist()]
+
+
+def _tcp(setup: Setup, joints: list[list[float]]) -> list[Any]:
+    return [tuple(point) for point in setup.machine.forward(joints).tolist()] if joints else []
+
+
+class _AxesRow(NamedTuple):
+    axis_setpoints: list[AxisSetpoint]
+    states: list[AxisState]
+    commands: list[AxisCommand]
+    next_states: list[AxisState]
+
+
+class _Axes:
+    """Drives and plants of all axes, stepped together."""
+
+    def __init__(self, setup: Setup) -> None:
+        self._names = list(setup.axes)
+        self._drives = [ServoDrive(parts.drive) for parts in setup.axes.values()]
+        self._plants = [make_plant(setup, axis) for axis in setup.axes]
+        self._states = [plant.state for plant in self._plants]
+
+    def run(
+        self, axis_setpoints: list[list[AxisSetpoint]], first_cycle: int
+    ) -> tuple[list[_AxesRow], MachineFault | None]:
+        """The rows up to the end or to the first fault, and that fault."""
+        rows = []
+        for cycle, setpoints in enumerate(axis_setpoints, first_cycle):
+            commands = []
+            for name, drive, setpoint, state in zip(self._names, self._drives, setpoints, self._states, strict=True):
+                try:
+                    commands.append(drive.step(setpoint, state))
+                except MachineFault as error:
+                    return rows, MachineFault(f"cycle {cycle}: {name}: {error}")
+            following = [plant.step(command) for plant, command in zip(self._plants, commands, strict=True)]
+            rows.append(_AxesRow(setpoints, self._states, commands, following))
+            self._states = following
+        return rows, None
+
+
+def simulate(
+    setup: Setup,
+    program: Program,
+    toolpath: Toolpath,
+    sink: Sink | None = None,
+    watch: Callable[[Cycle], None] | None = None,
+) -> int:
+    """Run a checked toolpath of `program`, write it to `sink`, show every cycle to `watch`; return how many there were.
+
+    Raises MachineFault; the sink then holds the cycles before the fault and the reason of the end.
+    """
+    recording = None if sink is None else _Recording(setup, program, toolpath, sink)
+    count = 0
+    try:
+        for cycle in simulated_cycles(setup, toolpath):
+            count += 1
+            if recording is not None:
+                recording.put(cycle)
+            if watch is not None:
+                watch(cycle)
+    except MachineFault as fault:
+        if recording is not None:
+            recording.end(run_messages.End(count, "simulation", str(fault)))
+        raise
+    if recording is not None:
+        recording.end(run_messages.End(count - 1, "simulation", ""))
+    return count
+
+
+class _Recording:
+    """Writes cycles as the messages that the graph's recorder would hold."""
+
+    def __init__(self, setup: Setup, program: Program, toolpath: Toolpath, sink: Sink) -> None:
+        self._period = setup.servo_period_ns
+        self._axes = list(setup.axes)
+        self._toolpath = toolpath
+        self._sink = sink
+        self._pack = {topic.name: topic.codec.pack for topic in topics(self._axes).values() if topic.record}
+        self._visuals = Visuals(setup.machine, self._axes, setup.servo_period_ns)
+        sink.write("run_info", 0, run_messages.run_info(setup, program))
+
+    def _servo(self, topic: str, cycle: int, values: Any) -> None:
+        time = cycle * self._period
+        self._sink.write(topic, time, self._pack[topic](cycle, time, values))
+
+    def put(self, done: Cycle) -> None:
+        """Write one cycle."""
+        number, time = done.cycle, done.cycle * self._period
+        for index in done.entered:
+            element, start = self._toolpath.elements[index], self._toolpath.starts[index]
+            self._sink.write("toolpath/segment", time, run_messages.segment(index, element, start, time))
+            self._visuals.add(element)
+        self._servo("tcp/setpoint", number, done.setpoint)
+        for place, axis in enumerate(self._axes):
+            self._servo(f"{axis}/setpoint", number, done.axis_setpoints[place])
+            if number == 0:
+                self._servo(f"{axis}/actual", number, done.states[place])
+            self._servo(f"{axis}/command", number, done.commands[place])
+            self._servo(f"{axis}/actual", number + 1, done.next_states[place])
+        for topic, data in self._visuals.step(number, done.states, done.tcp):
+            self._sink.write(topic, time, data)
+        for summary in done.summaries:
+            data = run_messages.segment_summary(summary, time)
+            self._sink.write("contour_monitor/segment_summary", time, data)
+        self._servo("tcp/state", number, done.tcp)
+        self._servo("contour_error", number, done.error)
+
+    def end(self, end: run_messages.End) -> None:
+        """Note how the run ended."""
+        time = end.cycle * self._period
+        self._sink.write(RUN_END, time, run_messages.run_end(end, time))

@@ -1,0 +1,119 @@
+"""The one table of the graph: which topic carries what, from whom to whom."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from pkm_cnc import records
+from pkm_cnc.messages import Codec, codec
+
+__all__ = [
+    "ANYONE",
+    "BASE_FRAME",
+    "CONTOUR_MONITOR",
+    "INTERPOLATOR",
+    "INVERSE_KINEMATICS",
+    "RECORDER",
+    "RUN_END",
+    "SERVO_FRAMES",
+    "WAITING",
+    "Topic",
+    "nodes",
+    "topics",
+]
+
+BASE_FRAME = "base_link"
+INTERPOLATOR, INVERSE_KINEMATICS = "interpolator", "inverse_kinematics"
+CONTOUR_MONITOR, RECORDER = "contour_monitor", "recorder"
+ANYONE = "*"
+RUN_END, WAITING = "run_end", "waiting"
+
+
+SERVO_FRAMES = {
+    f"pkm_cnc_msgs/msg/{name}": frame
+    for name, frame in {
+        "TcpSetpoint": BASE_FRAME,
+        "AxisSetpoint": "",
+        "AxisCommand": "",
+        "AxisState": "",
+        "TcpState": BASE_FRAME,
+        "ContourError": BASE_FRAME,
+    }.items()
+}
+"""The message types of the servo rate and the frame that each carries."""
+
+
+class Topic(NamedTuple):
+    """One topic: relative name, message type, constant frame, the node that publishes it and those that must hear it.
+
+    `record` is the record of a servo-rate topic (one message a cycle), None for everything slower.
+    """
+
+    name: str
+    typename: str
+    frame_id: str
+    publisher: str
+    subscribers: tuple[str, ...]
+    record: type | None = None
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the bag holds it."""
+        return RECORDER in self.subscribers and self.name != WAITING
+
+    @property
+    def fixed_size(self) -> bool:
+        """Whether it is packed by `codec`: one of the servo rate, or a progress."""
+        return self.record is not None or self.typename == _ours("Progress")
+
+    @property
+    def codec(self) -> Codec:
+        """The codec of a topic of fixed size."""
+        return codec(self.typename, self.frame_id)
+
+
+def nodes(axes: Sequence[str]) -> tuple[str, ...]:
+    """Full names of the nodes of a machine with these axes, relative to its namespace, in the order data flows."""
+    drives = tuple(f"{axis}/{name}" for axis in axes for name in ("servo_drive", "plant"))
+    return (INTERPOLATOR, INVERSE_KINEMATICS, *drives, CONTOUR_MONITOR, RECORDER)
+
+
+def topics(axes: Sequence[str]) -> dict[str, Topic]:
+    """The topics of a machine with these axes, by name, in the order data flows."""
+    servo, everyone = _servo_topics(axes), nodes(axes)
+    monitor = (CONTOUR_MONITOR, (RECORDER,))
+    table = [
+        Topic("run_info", _ours("RunInfo"), "", INTERPOLATOR, (RECORDER,)),
+        Topic("toolpath/segment", _ours("ToolpathSegment"), BASE_FRAME, INTERPOLATOR, (CONTOUR_MONITOR, RECORDER)),
+        *servo,
+        Topic("contour_monitor/segment_summary", _ours("SegmentSummary"), "", *monitor),
+        Topic("joint_states", "sensor_msgs/msg/JointState", "", *monitor),
+        Topic("tcp/pose", "geometry_msgs/msg/PoseStamped", BASE_FRAME, *monitor),
+        Topic("tcp/path", "nav_msgs/msg/Path", BASE_FRAME, *monitor),
+        Topic("markers", "visualization_msgs/msg/MarkerArray", BASE_FRAME, *monitor),
+        Topic("contour_monitor/progress", _ours("Progress"), "", CONTOUR_MONITOR, (INTERPOLATOR,)),
+        Topic("recorder/progress", _ours("Progress"), "", RECORDER, (INTERPOLATOR,)),
+        Topic(RUN_END, _ours("RunEnd"), "", ANYONE, everyone),
+        Topic(WAITING, _ours("Waiting"), "", ANYONE, everyone),
+    ]
+    return {topic.name: topic for topic in table}
+
+
+def _servo_topics(axes: Sequence[str]) -> Iterator[Topic]:
+    def servo(name: str, record: type, publisher: str, *subscribers: str) -> Topic:
+        typename = _ours(record.__name__)
+        return Topic(name, typename, SERVO_FRAMES[typename], publisher, (*subscribers, RECORDER), record)
+
+    yield servo("tcp/setpoint", records.TcpSetpoint, INTERPOLATOR, INVERSE_KINEMATICS, CONTOUR_MONITOR)
+    for axis in axes:
+        drive, plant = f"{axis}/servo_drive", f"{axis}/plant"
+        yield servo(f"{axis}/setpoint", records.AxisSetpoint, INVERSE_KINEMATICS, drive)
+        yield servo(f"{axis}/command", records.AxisCommand, drive, plant)
+        yield servo(f"{axis}/actual", records.AxisState, plant, drive, CONTOUR_MONITOR)
+    yield servo("tcp/state", records.TcpState, CONTOUR_MONITOR)
+    yield servo("contour_error", records.ContourError, CONTOUR_MONITOR)
+
+
+def _ours(name: str) -> str:
+    return f"pkm_cnc_msgs/msg/{name}"
