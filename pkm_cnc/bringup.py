@@ -146,7 +146,9 @@ def _end_of(processes: dict[str, subprocess.Popen[bytes]], folder: Path) -> End:
         lines = (folder / _error_file(name)).read_text(errors="replace").splitlines()
         said = [line.removeprefix("pkm_cnc: ") for line in lines if line.startswith("pkm_cnc: ")]
         if process.returncode > 0:
-            node, _, reason = (said or [f"{name}: " + (lines[-1] if lines else "ended without a word")])[-1].partition(": ")
+            node, _, reason = (said or [f"{name}: " + (lines[-1] if lines else "ended without a word")])[-1].partition(
+                ": "
+            )
             return End(0, node, reason, process.returncode)
     killed = [name for name, process in processes.items() if process.returncode < 0]
     if killed:

@@ -23,7 +23,15 @@ from pkm_cnc.plant import ScaleParameters, ScrewParameters, TravelParameters
 from pkm_cnc.records import Vector
 from pkm_cnc.servo import DriveParameters
 
-__all__ = ["AxisSetup", "GraphParameters", "Setup", "load_setup", "machine_files", "setup_from_parameters", "setup_from_text"]
+__all__ = [
+    "AxisSetup",
+    "GraphParameters",
+    "Setup",
+    "load_setup",
+    "machine_files",
+    "setup_from_parameters",
+    "setup_from_text",
+]
 
 NANOSECONDS = 1_000_000_000
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +26,7 @@ from pkm_cnc.contour import (
     line_report,
 )
 from pkm_cnc.errors import InputError
-from pkm_cnc.program import Element, Line
+from pkm_cnc.program import Arc, Element, Line
 from pkm_cnc.records import ContourError, TcpSetpoint
 
 __all__ = ["Evaluation", "evaluate", "setup_of"]
@@ -50,29 +51,28 @@ class Evaluation:
 
     def segments(self) -> list[dict[str, object]]:
         """JSON entries of the evaluated segments in order, then of the pairs of circles."""
+        circles = self.circles()
         entries = []
-        circles = []
         for index, summary in self.summaries.items():
             element = self.elements[index]
             if isinstance(element, Line):
                 entries.append(line_report(element, summary))
-            elif not is_full_circle(element):
+            elif index in circles:
+                entries.append(circle_report(circles[index]))
+            else:
                 entries.append(arc_report(element, summary))
-            elif self.passed(index):
-                circles.append(self.circle(index))
-                entries.append(circle_report(circles[-1]))
-        return [*entries, *(circle_pair_report(*pair) for pair in circle_pairs(circles))]
+        return [*entries, *(circle_pair_report(*pair) for pair in circle_pairs(list(circles.values())))]
 
-    def passed(self, index: int) -> bool:
-        """Whether the tool has gone through all of a segment."""
-        return bool(self.errors) and self.errors[-1].segment > index
-
-    def circle(self, index: int) -> CirclePath:
-        """The actual path over the full circle that segment `index` is."""
-        element = self.elements[index]
-        assert not isinstance(element, Line)
-        rows = [row for row, error in enumerate(self.errors) if error.segment == index]
-        return circle_path(element, self.true[rows])
+    def circles(self) -> dict[int, CirclePath]:
+        """The actual paths over the evaluated full circles, by segment; without those that were not run all around."""
+        paths = {}
+        for index in self.summaries:
+            element = self.elements[index]
+            if isinstance(element, Arc) and is_full_circle(element):
+                rows = [row for row, error in enumerate(self.errors) if error.segment == index]
+                with contextlib.suppress(InputError):
+                    paths[index] = circle_path(element, self.true[rows])
+        return paths
 
     def to_json(self) -> dict[str, object]:
         """The object that `pkm_cnc evaluate --json` prints."""

@@ -72,6 +72,7 @@ class Codec:
             formats.append("<" + np.dtype(code).str[1:] if size > 1 else np.dtype(code).str)
             offsets.append(struct.calcsize(layout))
             layout += code
+        layout += f"{-struct.calcsize(layout) % 4}x"  # as DDS pads what it sends
         self._struct = struct.Struct(layout)
         self.size = self._struct.size
         self.dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": self.size})

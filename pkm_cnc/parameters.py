@@ -51,7 +51,7 @@ class Parameter:
             raise InputError(f"{key}: {value!r} is not one of {', '.join(self.choices)}")
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             self._check_bounds(value, key)
-        return value  # type: ignore[return-value]
+        return value
 
     def _check_numbers(self, values: list[object] | tuple[object, ...], key: str) -> tuple[float, ...]:
         if len(values) != self.length:

@@ -82,10 +82,14 @@ class Visuals:
             if kind in lines:
                 lines[kind] += points.tolist()
             else:
-                outlines += [point for pair in zip(points[:-1].tolist(), points[1:].tolist(), strict=True) for point in pair]
+                outlines += [
+                    point for pair in zip(points[:-1].tolist(), points[1:].tolist(), strict=True) for point in pair
+                ]
             if kind == "strut":
                 sliders.append(points[0].tolist())
-        programmed = [point for line in self._programmed for pair in zip(line, line[1:], strict=False) for point in pair]
+        programmed = [
+            point for line in self._programmed for pair in zip(line, line[1:], strict=False) for point in pair
+        ]
         drawings = [
             ("frame", LINE_LIST, 0.01, GREY, lines["column"]),
             ("sliders", SPHERE_LIST, 0.05, BLUE, sliders),

@@ -237,6 +237,16 @@ def test_a_thousand_segments_of_ten_micrometres_behind_the_setpoint_cost_few_loo
     assert Counted.asked / steps < 40
 
 
+def test_a_spike_of_short_segments_straight_at_the_tool_is_not_passed_over():
+    """The contour comes nearer than its beginning by one segment only, as fast as a contour can."""
+    far, reach = 0.02, 0.00499
+    inwards = [(far - k * 1e-5, 0.0, 0.0) for k in range(round((far - reach) / 1e-5) + 1)]
+    vertices = [(0.0, 0.005, 0.0), (far, 0.005, 0.0), *inwards, *reversed(inwards[:-1])]
+    error = tracker_of(*polyline(*vertices)).step((0.0, 0.0, 0.0), len(vertices) - 2)
+    assert error.magnitude == pytest.approx(reach, abs=1e-12)
+    assert error.segment == len(inwards)  # of the two at the tip the earlier: the connecting lines are 0 and 1
+
+
 def test_elements_behind_the_tool_are_let_go():
     tracker = ContourTracker()
     for index in range(5000):

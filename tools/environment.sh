@@ -109,8 +109,11 @@ counted_pip() {
     }
     /^Installing collected packages/ { printf "%s   unpacking all of them (half a minute)\n", tty ? "\r" : "" }
     { fflush() }'
-  [ "$(tail -n 1 "$venv/pip.log")" != failed ] ||
-    fail "pip failed: $(grep '^ERROR' "$venv/pip.log" | tail -n 1) (all of it: .venv/pip.log)"
+  [ "$(tail -n 1 "$venv/pip.log")" = failed ] || return 0
+  # An index that cannot be reached looks to pip like one that has no version at all.
+  missing=$(sed -n 's/^ERROR: .* requirement \([^ ]*\) .*from versions: none.*/\1/p' "$venv/pip.log")
+  [ -z "$missing" ] || fail "the package index (PyPI) cannot be reached, or has no $missing (all of it: .venv/pip.log)"
+  fail "pip failed: $(grep '^ERROR' "$venv/pip.log" | grep -v 'ERROR: Ignored' | sed -n 1p) (all of it: .venv/pip.log)"
 }
 
 install_packages() {
@@ -119,7 +122,7 @@ install_packages() {
   say "packages: those of requirements.lock (a minute or two)"
   rm -f "$stamps/packages"
   # The one source distribution among them is built by the locked setuptools, so nothing unlocked comes in.
-  counted_pip -q --constraint requirements.lock setuptools
+  counted_pip -q "$(grep '^setuptools==' requirements.lock)"
   counted_pip --no-deps --no-build-isolation --requirement requirements.lock
   stamp packages "$wanted"
 }
@@ -129,6 +132,7 @@ colcon_build() {
   [ -e "$venv/local_setup.sh" ] || touch "$venv/local_setup.sh"
   # Neither a sourced ROS installation nor the user's colcon defaults nor the calling make may reach this build.
   env -u MAKEFLAGS -u MFLAGS -u MAKELEVEL -u CMAKE_PREFIX_PATH -u COLCON_PREFIX_PATH -u PYTHONPATH -u PYTHONHOME \
+    -u PYTHONDONTWRITEBYTECODE \
     PATH="$venv/bin:$PATH" VIRTUAL_ENV="$venv" AMENT_PREFIX_PATH="$venv" COLCON_HOME="$venv/.colcon" \
     "$venv/bin/python" -m colcon --log-base "$venv/log" build --base-paths . pkm_cnc_msgs --packages-select "$@" \
     --merge-install --install-base "$venv" --build-base "$venv/build" --event-handlers desktop_notification- \
@@ -160,6 +164,7 @@ build_packages() {
     rm -rf "$stamps/$package" "$venv/build/$package/build" "$venv/lib/$package" "$venv/share/$package" \
       "$venv"/lib/python3.*/site-packages/"$package"
   done
+  rm -rf "$venv/log"
   colcon_build "$@" || fail "the build of $* failed (all of its output: .venv/log/latest_build)"
   make_scripts_startable
   ln -sf ../lib/pkm_cnc/pkm_cnc "$venv/bin/pkm_cnc"

@@ -102,7 +102,9 @@ def _messages(content: bytes) -> Iterator[tuple[int, bytes]]:
 def _table(path: Path, topic: str, messages: list[bytes], dtype: np.dtype[Any]) -> NDArray[Any]:
     joined = b"".join(messages)
     if len(joined) != len(messages) * dtype.itemsize:
-        raise InputError(f"bag {path}: /{topic}: messages are not {dtype.itemsize} bytes long: made by another version?")
+        raise InputError(
+            f"bag {path}: /{topic}: messages are not {dtype.itemsize} bytes long: made by another version?"
+        )
     rows = np.frombuffer(joined, dtype)
     gaps = np.flatnonzero(rows["cycle"] != np.arange(len(rows), dtype=np.uint64))
     if len(gaps):

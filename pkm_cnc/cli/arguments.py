@@ -16,7 +16,9 @@ __all__ = ["add_machine", "setup_of", "write_text"]
 
 def add_machine(parser: argparse.ArgumentParser) -> None:
     """Add --machine and --set."""
-    parser.add_argument("--machine", required=True, metavar="F", help="machine file, or the bare name of one in config/")
+    parser.add_argument(
+        "--machine", required=True, metavar="F", help="machine file, or the bare name of one in config/"
+    )
     parser.add_argument(
         "--set",
         action="append",

@@ -8,7 +8,7 @@ from typing import Any
 
 from pkm_cnc.check import prepare
 from pkm_cnc.cli.arguments import add_machine, setup_of
-from pkm_cnc.program import canonical_motion, read_program
+from pkm_cnc.program import canonical_motion, read_motions, read_program
 
 __all__ = ["add_parser"]
 
@@ -24,8 +24,10 @@ def add_parser(subparsers: Any) -> None:
 
 def _check(arguments: argparse.Namespace) -> None:
     setup = setup_of(arguments)
-    toolpath = prepare(setup, read_program(arguments.program))
-    motion = canonical_motion(toolpath, setup.program_zero)
+    program = read_program(arguments.program)
+    toolpath = prepare(setup, program)
+    motions = read_motions(program, start=setup.start_pose, zero=setup.program_zero, rapid=setup.motion.rapid)
+    motion = canonical_motion(motions, setup.program_zero)
     if arguments.json:
         print(json.dumps({"motion": motion}))
         return

@@ -28,7 +28,9 @@ def add_parser(subparsers: Any) -> None:
     star.add_argument("--pivot", nargs=2, type=float, default=[0.0, 0.0], metavar=("X", "Y"), help="mm (0 0)")
     star.add_argument("--length", type=float, default=200.0, metavar="MM", help="of each line, mm (%(default)g)")
 
-    circle = contours.add_parser("circle", help="circular test: feed-in, overshoot arc, 360 deg data arc, overshoot, feed-out")
+    circle = contours.add_parser(
+        "circle", help="circular test: feed-in, overshoot arc, 360 deg data arc, overshoot, feed-out"
+    )
     _add_common(circle, 3000.0, _circle)
     circle.add_argument("--radius", type=float, default=100.0, metavar="MM", help="mm (%(default)g)")
     circle.add_argument("--center", nargs=2, type=float, default=[0.0, 0.0], metavar=("X", "Y"), help="mm (0 0)")

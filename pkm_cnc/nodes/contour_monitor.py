@@ -32,7 +32,7 @@ class ContourMonitorNode(GraphNode):
         self._stride = max(1, self.setup.graph.window // 4)
         self._tolerance = self.setup.motion.in_position_tolerance
 
-    def handle(self, topic: str, data: bytes) -> None:
+    def take_message(self, topic: str, data: bytes) -> None:
         """A segment arrives ahead of its use."""
         content = deserialize(data, self.topics[topic].typename)
         if content.index < self._segments:

@@ -88,7 +88,7 @@ class GraphNode(LifecycleNode):
     def step(self, cycle: int, inputs: list[tuple[Any, ...]]) -> None:
         """Do one cycle; `inputs` in the order of the topic table."""
 
-    def handle(self, topic: str, data: bytes) -> None:
+    def take_message(self, topic: str, data: bytes) -> None:
         """Take one message of a topic in `handled`."""
 
     def waits_for(self) -> Report | None:
@@ -268,7 +268,7 @@ class GraphNode(LifecycleNode):
 
     def _receive_handled(self, name: str, data: bytes) -> None:
         if self.ended is None:
-            self._guard(partial(self.handle, name, data))
+            self._guard(partial(self.take_message, name, data))
             self._guard(self._step_all)
 
     def _guard(self, action: Callable[[], None]) -> None:

@@ -46,7 +46,7 @@ class InterpolatorNode(GraphNode):
         self._in_position = True
         self._progress = {MONITOR_PROGRESS: -1, RECORDER_PROGRESS: -1}
         self.overruns = 0
-        self._clock = self.create_publisher(ClockMessage, "/clock", 10)
+        self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
         self._clock_cycles = max(1, CLOCK_PERIOD_NS // self.setup.servo_period_ns)
 
     def start(self) -> None:
@@ -57,7 +57,7 @@ class InterpolatorNode(GraphNode):
             self.create_timer(self.setup.servo_period, self._release, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._release()
 
-    def handle(self, topic: str, data: bytes) -> None:
+    def take_message(self, topic: str, data: bytes) -> None:
         """A consumer tells its progress."""
         cycle, (in_position,) = self.topics[topic].codec.unpack(data)
         self._progress[topic] = cycle
@@ -78,7 +78,7 @@ class InterpolatorNode(GraphNode):
                 self._announced += 1
             self.publish("tcp/setpoint", self._cycle, setpoint)
             if self._cycle % self._clock_cycles == 0:
-                self._clock.publish(serialize(message("rosgraph_msgs/msg/Clock", clock=stamp(stamp_ns))))
+                self._clock_publisher.publish(serialize(message("rosgraph_msgs/msg/Clock", clock=stamp(stamp_ns))))
             self._cycle += 1
 
     def _may_release(self) -> bool:

@@ -46,7 +46,7 @@ class RecorderNode(GraphNode):
             self.handled = tuple(topic.name for topic in recorded if topic.name != RUN_END)
         self._bag = BagWriter(Path(self.run["bag"]), recorded)
 
-    def handle(self, topic: str, data: bytes) -> None:
+    def take_message(self, topic: str, data: bytes) -> None:
         """Take one message from a subscription."""
         cycle = self._servo[topic](data)[0] if topic in self._servo else 0
         offset = _MARKERS_STAMP if topic == "markers" else _HEADER_STAMP
