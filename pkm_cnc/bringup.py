@@ -1,4 +1,4 @@
-"""The one description of the graph: which executables, where, with which parameters. Used by the command and by launch."""
+"""The one description of the graph, for the command and for launch: which executables, where, with which parameters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pkm_cnc.config import Setup
-from pkm_cnc.run_messages import End
+from pkm_cnc.run_messages import COMPLETED, End
 from pkm_cnc.topics import INTERPOLATOR, RECORDER, nodes
 
 __all__ = ["GraphNodeSpec", "describe_graph", "prepare_environment", "run_in_one_process", "run_in_processes"]
@@ -81,7 +81,7 @@ def run_in_one_process(
                 context=context,
                 namespace=spec.namespace,
                 parameters={**parameters, **spec.parameters},
-                tap=recorder.take,
+                tap=recorder.tap_in,
             )
             for spec in describe_graph(tuple(setup.axes), program, bag, pacing)
             if spec.executable != RECORDER
@@ -112,18 +112,21 @@ def _start(spec: GraphNodeSpec, parameters: Path, folder: Path) -> subprocess.Po
     for name, value in spec.parameters.items():
         arguments += ["-p", f"{name}:={value}"]
     code = f"from pkm_cnc.nodes.{spec.executable} import main; main()"
-    with (folder / _error_file(spec.full_name)).open("wb") as errors:
+    with (
+        _output(folder, spec.full_name, "out").open("wb") as out,
+        _output(folder, spec.full_name, "err").open("wb") as err,
+    ):
         return subprocess.Popen(
             [sys.executable, "-c", code, *arguments],
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=errors,
+            stdout=out,
+            stderr=err,
             start_new_session=True,
         )
 
 
-def _error_file(full_name: str) -> str:
-    return full_name.replace("/", ".") + ".stderr"
+def _output(folder: Path, full_name: str, stream: str) -> Path:
+    return folder / f"{full_name.replace('/', '.')}.{stream}"
 
 
 def _wait(processes: dict[str, subprocess.Popen[bytes]], tick: Callable[[int], None]) -> None:
@@ -143,17 +146,16 @@ def _wait(processes: dict[str, subprocess.Popen[bytes]], tick: Callable[[int], N
 
 def _end_of(processes: dict[str, subprocess.Popen[bytes]], folder: Path) -> End:
     for name, process in processes.items():
-        lines = (folder / _error_file(name)).read_text(errors="replace").splitlines()
-        said = [line.removeprefix("pkm_cnc: ") for line in lines if line.startswith("pkm_cnc: ")]
         if process.returncode > 0:
-            node, _, reason = (said or [f"{name}: " + (lines[-1] if lines else "ended without a word")])[-1].partition(
-                ": "
-            )
+            lines = _output(folder, name, "err").read_text(errors="replace").splitlines()
+            said = [line.removeprefix("pkm_cnc: ") for line in lines if line.startswith("pkm_cnc: ")]
+            node, _, reason = (said or [f"{name}: {(lines or ['ended without a word'])[-1]}"])[-1].partition(": ")
             return End(0, node, reason, process.returncode)
-    killed = [name for name, process in processes.items() if process.returncode < 0]
-    if killed:
-        return End(0, killed[0], f"killed by {signal.Signals(-processes[killed[0]].returncode).name}")
-    return End(0, RECORDER, "")
+    for name, process in processes.items():
+        if process.returncode < 0:
+            return End(0, name, f"killed by {signal.Signals(-process.returncode).name}")
+    said = _output(folder, RECORDER, "out").read_text().splitlines()
+    return End(int(said[-1].removeprefix(COMPLETED)), RECORDER, "")
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
@@ -52,11 +53,11 @@ def _check_element(setup: Setup, where: str, element: Line | Arc) -> None:
         ):
             if excess > 0:
                 raise InputError(
-                    f"{where}: {axis} leaves its travel {_place(setup, points[row])}: {joints[row, column] * 1e3:.3f} mm "
-                    f"is {excess * 1e3:.3f} mm beyond {bound * 1e3:.3f} mm"
+                    f"{where}: {axis} leaves its travel {_place(setup, points[row])}: "
+                    f"{joints[row, column] * 1e3:.3f} mm is {excess * 1e3:.3f} mm beyond {bound * 1e3:.3f} mm"
                 )
 
 
-def _place(setup: Setup, point: np.ndarray) -> str:
+def _place(setup: Setup, point: NDArray[np.float64]) -> str:
     x, y, z = (point - setup.program_zero) * 1e3
     return f"at X{x:.3f} Y{y:.3f} Z{z:.3f}"

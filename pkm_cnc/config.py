@@ -208,10 +208,10 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
         raise InputError("machine: missing; it names the kinematics, e.g. tripod")
     name = str(values["machine"])
     kinematics = load_kinematics(name)
-    sections = {"": ControllerParameters, "geometry": kinematics.Geometry, "motion": MotionParameters}
+    sections: dict[str, Any] = {"": ControllerParameters, "geometry": kinematics.Geometry, "motion": MotionParameters}
     sections |= {"graph": GraphParameters, **AXIS_SECTIONS}
     given = _by_section({key: value for key, value in values.items() if key != "machine"}, kinematics.axes, sections)
-    common = {
+    common: dict[str, Any] = {
         section: read_section(kind, given.pop(section, {}), f"{section}." if section else "")
         for section, kind in sections.items()
     }

@@ -1,4 +1,4 @@
-"""The messages below the servo rate that describe a run: made here for graph, simulation and bag alike, and read back."""
+"""The messages below the servo rate that describe a run, for graph, simulation and bag alike, and what they tell."""
 
 from __future__ import annotations
 
@@ -16,9 +16,12 @@ from pkm_cnc.program import Arc, Line, Program
 from pkm_cnc.records import Vector
 from pkm_cnc.topics import BASE_FRAME
 
-__all__ = ["End", "element_of", "end_of", "run_end", "run_info", "segment", "segment_summary"]
+__all__ = ["COMPLETED", "End", "element_of", "end_of", "run_end", "run_info", "segment", "segment_summary"]
 
 LINE, ARC = 0, 1
+
+COMPLETED = "run completed in cycle "
+"""What a node's process prints after a run that completed, before the number of the last cycle."""
 
 
 class End(NamedTuple):

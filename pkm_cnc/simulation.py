@@ -119,7 +119,7 @@ class _Axes:
         self, axis_setpoints: list[list[AxisSetpoint]], first_cycle: int
     ) -> tuple[list[_AxesRow], MachineFault | None]:
         """The rows up to the end or to the first fault, and that fault."""
-        rows = []
+        rows: list[_AxesRow] = []
         for cycle, setpoints in enumerate(axis_setpoints, first_cycle):
             commands = []
             for name, drive, setpoint, state in zip(self._names, self._drives, setpoints, self._states, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -87,9 +88,7 @@ class Visuals:
                 ]
             if kind == "strut":
                 sliders.append(points[0].tolist())
-        programmed = [
-            point for line in self._programmed for pair in zip(line, line[1:], strict=False) for point in pair
-        ]
+        programmed = [point for line in self._programmed for pair in itertools.pairwise(line) for point in pair]
         drawings = [
             ("frame", LINE_LIST, 0.01, GREY, lines["column"]),
             ("sliders", SPHERE_LIST, 0.05, BLUE, sliders),

@@ -1,4 +1,4 @@
-"""Runs on disk: rosbag2 folders with one MCAP file, written while the machine runs and readable even when it was killed."""
+"""Runs on disk: rosbag2 folders with one MCAP file, written while the machine runs, readable even if it was killed."""
 
 from pkm_cnc.bag.reader import Run, read_run
 from pkm_cnc.bag.writer import BagWriter

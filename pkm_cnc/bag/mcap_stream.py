@@ -204,4 +204,4 @@ def _bytes(content: Iterable[McapRecord]) -> bytes:
     builder = RecordBuilder()
     for record in content:
         record.write(builder)
-    return bytes(builder.end())
+    return bytes(builder.end())  # type: ignore[no-untyped-call]

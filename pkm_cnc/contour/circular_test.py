@@ -144,12 +144,13 @@ def circle_path(arc: Arc, points: Array) -> CirclePath:
         raise InputError(
             f"line {arc.line}: the circle is incomplete, {math.degrees(widest):.1f} deg of it without a point"
         )
-    deviation = arc.radius - np.hypot(x, y)
-    return CirclePath(arc, angle, deviation, np.interp(_grid(), angle, deviation, period=math.tau))
+    deviation: Array = arc.radius - np.hypot(x, y)
+    by_angle = np.asarray(np.interp(_grid(), angle, deviation, period=math.tau), dtype=np.float64)
+    return CirclePath(arc, angle, deviation, by_angle)
 
 
 def _grid() -> Array:
-    return np.linspace(0.0, math.tau, _STEPS, endpoint=False)
+    return np.arange(_STEPS) * (math.tau / _STEPS)
 
 
 def extrema(path: CirclePath) -> list[float]:

@@ -101,9 +101,13 @@ class GraphNode(LifecycleNode):
     def close(self) -> None:
         """Called once when the run has ended, however it ended."""
 
+    def current_cycle(self) -> int:
+        """The cycle that the node does next."""
+        return self.join.cycle
+
     def figures(self) -> dict[str, str]:
-        """The node's figures for /diagnostics."""
-        return {"cycle": str(self.join.cycle), "ignored messages": str(self.join.ignored)}
+        """The node's own figures for /diagnostics."""
+        return {"ignored messages": str(self.join.ignored)}
 
     # Life cycle -----------------------------------------------------------------------------------------------------
 
@@ -305,7 +309,7 @@ class GraphNode(LifecycleNode):
 
     def fail(self, reason: str) -> None:
         """Stop the machine for a reason."""
-        self.finish(End(self.join.cycle, self.full_name, reason))
+        self.finish(End(self.current_cycle(), self.full_name, reason))
 
     def finish(self, end: End) -> None:
         """Tell everyone, on run_end and on /diagnostics, that the run is over."""
@@ -335,7 +339,8 @@ class GraphNode(LifecycleNode):
 
     def _publish_diagnostics(self, level: bytes, text: str) -> None:
         status = DiagnosticStatus(level=level, name=f"pkm_cnc: {self.full_name}", message=text)
-        status.values = [KeyValue(key=key, value=value) for key, value in self.figures().items()]
+        figures = {"cycle": str(self.current_cycle()), **self.figures()}
+        status.values = [KeyValue(key=key, value=value) for key, value in figures.items()]
         report = DiagnosticArray(status=[status])
         report.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(report)

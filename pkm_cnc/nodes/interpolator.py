@@ -1,4 +1,4 @@
-"""interpolator: part program -> setpoint of the TCP, one message a servo cycle, at most a window ahead of the slowest."""
+"""interpolator: part program -> setpoint of the TCP, one message a servo cycle, a window ahead of the slowest."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class InterpolatorNode(GraphNode):
     def prepare(self) -> None:
         """Read and check the whole program: nothing moves before all of it is known to be reachable."""
         if not self.run.get("program"):
-            raise InputError("interpolator: parameter program is missing; give -p program:=FILE")
+            raise InputError("parameter program is missing; give -p program:=FILE")
         self._pacing = self.run.get("pacing", "fast")
         if self._pacing not in PACINGS:
-            raise InputError(f"interpolator: parameter pacing: {self._pacing!r} is not one of {', '.join(PACINGS)}")
+            raise InputError(f"parameter pacing: {self._pacing!r} is not one of {', '.join(PACINGS)}")
         self._program = read_program(self.run["program"])
         self._toolpath = prepare(self.setup, self._program)
         self._interpolator = Interpolator(self._toolpath, self.setup.motion, self.setup.servo_period)
@@ -101,9 +101,13 @@ class InterpolatorNode(GraphNode):
         slowest = min(self._progress, key=lambda topic: (self._progress[topic], topic))
         return Report(self.full_name, self.topics[slowest].publisher, slowest, self._progress[slowest] + 1)
 
+    def current_cycle(self) -> int:
+        """The cycle to be sent next."""
+        return self._cycle
+
     def figures(self) -> dict[str, str]:
-        """Cycles sent and overruns of the real-time pacing."""
-        return {"cycle": str(self._cycle), "overruns": str(self.overruns)}
+        """Overruns of the real-time pacing."""
+        return {"overruns": str(self.overruns)}
 
     def close(self) -> None:
         """Tell how well the pacing was kept."""

@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from pkm_cnc.nodes.graph_node import GraphNode
-from pkm_cnc.run_messages import End
+from pkm_cnc.run_messages import COMPLETED, End
 
 __all__ = ["make_executor", "run_node", "run_nodes"]
 
@@ -98,3 +98,4 @@ def run_node(kind: Callable[..., GraphNode], name: str) -> None:
     if not end.completed:
         print(f"pkm_cnc: {end.node}: {end.reason}", file=sys.stderr)
         sys.exit(end.exit_code)
+    print(f"{COMPLETED}{end.cycle}")

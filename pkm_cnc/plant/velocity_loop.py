@@ -9,7 +9,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from pkm_cnc.servo import DriveParameters, StateSpace, cascade_state_space
 
@@ -74,5 +73,7 @@ def exact_discretisation(system: StateSpace, period: float) -> tuple[NDArray[np.
     exponent = np.zeros((states + 1, states + 1))
     exponent[:states, :states] = system.A
     exponent[:states, states] = system.B
+    from scipy.linalg import expm  # slow to import, and most processes of a graph have no plant
+
     power = expm(exponent * period)
     return power[:states, :states], power[:states, states]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.program.blocks import Block, Program, read_blocks
@@ -76,7 +77,7 @@ def read_motions(program: Program, *, start: Vector, zero: Vector, rapid: float)
             return
 
 
-def canonical_motion(motions: Iterable[Element], zero: Vector) -> list[dict[str, object]]:
+def canonical_motion(motions: Iterable[Element], zero: Vector) -> list[dict[str, Any]]:
     """The motions (of `read_motions`, or a toolpath) as `pkm_cnc check --json` lists them.
 
     Each has "kind" ("traverse", "feed", "arc"), "line", "end_mm" [x, y, z] relative to `zero` (m, in `base_link`) and
@@ -86,8 +87,8 @@ def canonical_motion(motions: Iterable[Element], zero: Vector) -> list[dict[str,
     return [_listed(motion, zero) for motion in motions]
 
 
-def _listed(motion: Element, zero: Vector) -> dict[str, object]:
-    entry: dict[str, object] = {
+def _listed(motion: Element, zero: Vector) -> dict[str, Any]:
+    entry: dict[str, Any] = {
         "kind": "arc" if isinstance(motion, Arc) else "traverse" if motion.traverse else "feed",
         "line": motion.line,
         "end_mm": _program_mm(motion.end, zero),
