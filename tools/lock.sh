@@ -2,6 +2,7 @@
 # Resolves requirements.in into requirements.lock: the newest versions that the oldest Python has, checked to be a full
 # and installable set on the others. Needs python3.10 to python3.13 and the network; installs nothing.
 set -eu
+export LC_ALL=C
 cd "$(dirname "$0")/.."
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT

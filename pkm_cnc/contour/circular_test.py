@@ -150,7 +150,8 @@ def circle_path(arc: Arc, points: Array) -> CirclePath:
 
 
 def _grid() -> Array:
-    return np.arange(_STEPS) * (math.tau / _STEPS)
+    grid: Array = np.linspace(0.0, math.tau, _STEPS, endpoint=False)
+    return grid
 
 
 def extrema(path: CirclePath) -> list[float]:

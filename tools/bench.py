@@ -1,0 +1,139 @@
+"""Speed and memory of this machine, as ratios measured in one run: `make bench` (about eight minutes).
+
+Machine time is what the machine would take; "x real time" is machine time over wall time, start-up included.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from pathlib import Path
+
+from pkm_cnc.bag import BagWriter
+from pkm_cnc.bringup import prepare_environment, run_in_one_process, run_in_processes
+from pkm_cnc.check import prepare
+from pkm_cnc.config import Setup, load_setup
+from pkm_cnc.contour import parse_headings, star_program
+from pkm_cnc.program import Program, read_program
+from pkm_cnc.simulation import simulate
+from pkm_cnc.topics import topics
+
+HOPS = 20_000
+MINUTE_1, MINUTE_10 = 60.0, 600.0
+
+
+def star(folder: Path, seconds: float) -> Program:
+    """A star test of at least that much machine time, as a file."""
+    text = star_program(6000.0, parse_headings("-15:105:15"), (0.0, 0.0), 200.0)
+    header, body = text.split("G21 G90 G17\n")
+    body = body.replace("M2\n", "") * max(1, round(seconds / 29.0 + 0.5))
+    path = folder / f"star-{seconds:.0f}.ngc"
+    path.write_text(f"{header}G21 G90 G17\n{body}M2\n")
+    return read_program(path)
+
+
+def bare_hop() -> float:
+    """Wall time (s) of one hop of 100 bytes between two nodes of one process that do nothing else."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.node import Node
+    from rclpy.serialization import serialize_message
+    from rclpy.task import Future
+    from std_msgs.msg import String
+
+    from pkm_cnc.nodes.runner import make_executor
+
+    context = Context()
+    rclpy.init(args=[], context=context)
+    ping, pong, done = Node("ping", context=context), Node("pong", context=context), Future()
+    data, left = serialize_message(String(data="x" * 92)), [HOPS]
+    to_pong, to_ping = ping.create_publisher(String, "there", 10), pong.create_publisher(String, "back", 10)
+
+    def back(received: bytes) -> None:
+        left[0] -= 2
+        if left[0] > 0:
+            to_pong.publish(data)
+        else:
+            done.set_result(None)
+
+    ping.create_subscription(String, "back", back, 10, raw=True)
+    pong.create_subscription(String, "there", lambda received: to_ping.publish(data), 10, raw=True)
+    executor = make_executor(context)
+    executor.add_node(ping)
+    executor.add_node(pong)
+    while to_pong.get_subscription_count() == 0 or to_ping.get_subscription_count() == 0:
+        executor.spin_until_future_complete(Future(), 0.01)
+    started = time.perf_counter()
+    to_pong.publish(data)
+    executor.spin_until_future_complete(done, 60.0)
+    wall = time.perf_counter() - started
+    context.try_shutdown()
+    return wall / HOPS
+
+
+def resident_mb() -> float:
+    """Resident memory of this process, MB."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGESIZE") / 1e6
+
+
+def simulated(setup: Setup, program: Program, bag: Path | None) -> tuple[float, float]:
+    """Machine time and wall time of a simulation, s."""
+    toolpath = prepare(setup, program)
+    started = time.perf_counter()
+    if bag is None:
+        cycles = simulate(setup, program, toolpath)
+    else:
+        recorded = [topic for topic in topics(tuple(setup.axes)).values() if topic.recorded]
+        with BagWriter(bag, recorded) as writer:
+            cycles = simulate(setup, program, toolpath, writer)
+    return cycles * setup.servo_period, time.perf_counter() - started
+
+
+def main() -> None:
+    """Measure and print."""
+    prepare_environment()
+    setup = load_setup("tripod")
+    with tempfile.TemporaryDirectory(prefix="pkm_cnc_bench_") as name:
+        folder = Path(name)
+        minute, ten_minutes = star(folder, MINUTE_1), star(folder, MINUTE_10)
+
+        machine, wall = simulated(setup, minute, None)
+        print(f"simulate without a bag:   {machine / wall:6.2f} x real time   (required 30)", flush=True)
+        machine, wall = simulated(setup, minute, folder / "simulated")
+        print(f"simulate with a bag:      {machine / wall:6.2f} x real time   (required 8)", flush=True)
+
+        hop = bare_hop()
+        print(
+            f"bare hop:                 {hop * 1e6:6.2f} us in one process; a cycle has 14 and 12 publish calls",
+            flush=True,
+        )
+
+        memory: dict[float, float] = {}
+
+        def watch(cycle: int) -> None:
+            now = cycle * setup.servo_period
+            for mark in (MINUTE_1, MINUTE_10):
+                if now >= mark and mark not in memory:
+                    memory[mark] = resident_mb()
+
+        started = time.perf_counter()
+        end = run_in_one_process(setup, ten_minutes.name, str(folder / "one"), "fast", watch)
+        wall, machine = time.perf_counter() - started, (end.cycle + 1) * setup.servo_period
+        per_cycle = wall / (end.cycle + 1)
+        print(f"run, one process:         {machine / wall:6.2f} x real time   (required 1.5, aim 2.5)", flush=True)
+        print(f"  a cycle costs           {per_cycle / hop:6.1f} bare hops")
+        growth = memory.get(MINUTE_10, float("nan")) - memory.get(MINUTE_1, float("nan"))
+        print(
+            f"  resident memory growth  {growth:6.1f} MB from minute 1 to minute 10   (required below 20)", flush=True
+        )
+
+        started = time.perf_counter()
+        end = run_in_processes(setup, minute.name, str(folder / "each"), "fast")
+        wall, machine = time.perf_counter() - started, (end.cycle + 1) * setup.servo_period
+        print(f"run, one process a node:  {machine / wall:6.2f} x real time   (required 0.6, aim 1)", flush=True)
+
+
+if __name__ == "__main__":
+    main()
