@@ -14,11 +14,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pkm_cnc.config import Setup
+from pkm_cnc.errors import MachineFault
 from pkm_cnc.run_messages import COMPLETED, End
 from pkm_cnc.topics import INTERPOLATOR, RECORDER, nodes
 
 __all__ = ["GraphNodeSpec", "describe_graph", "prepare_environment", "run_in_one_process", "run_in_processes"]
 
+DISCOVERY_TIME = 0.3
+"""s of wall time in which what runs on this machine is discovered."""
+FORGOTTEN_AFTER = 25.0
+"""s of wall time after which DDS has forgotten a killed process (its lease is 20 s)."""
 TERMINATION_TIMEOUT = 10.0
 """s of wall time that processes have to end after the first of them has."""
 
@@ -58,10 +63,38 @@ def prepare_environment() -> None:
         os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir(), "pkm_cnc_log"))
 
 
+def refuse_second_machine() -> None:
+    """Make sure that no other machine is on the topics: it would be disturbed before the nodes could notice it.
+
+    Raises MachineFault. The nodes of a machine that was killed count for the 20 s after which DDS forgets them, so it
+    waits that long for them to vanish.
+    """
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.node import Node
+
+    from pkm_cnc.nodes.graph_node import ANOTHER_MACHINE
+
+    context = Context()
+    rclpy.init(args=[], context=context)
+    try:
+        probe = Node("pkm_cnc_probe", context=context, enable_rosout=False, start_parameter_services=False)
+        started = time.monotonic()
+        while (waited := time.monotonic() - started) < DISCOVERY_TIME or probe.count_publishers("tcp/setpoint"):
+            if waited > FORGOTTEN_AFTER:
+                raise MachineFault(f"/tcp/setpoint has a publisher: {ANOTHER_MACHINE}")
+            time.sleep(0.02)
+    finally:
+        context.try_shutdown()
+
+
 def run_in_one_process(
     setup: Setup, program: str, bag: str, pacing: str, tick: Callable[[int], None] = lambda cycle: None
 ) -> End:
-    """Run the graph in this process; `tick` is told the recorded cycles some ten times a second."""
+    """Run the graph in this process; `tick` is told the recorded cycles some ten times a second.
+
+    Raises MachineFault where another machine is on the topics.
+    """
     import rclpy
     from rclpy.context import Context
     from rclpy.signals import SignalHandlerOptions
@@ -70,6 +103,7 @@ def run_in_one_process(
     from pkm_cnc.nodes.recorder import RecorderNode
     from pkm_cnc.nodes.runner import run_nodes
 
+    refuse_second_machine()
     context = Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -94,7 +128,11 @@ def run_in_one_process(
 def run_in_processes(
     setup: Setup, program: str, bag: str, pacing: str, tick: Callable[[int], None] = lambda cycle: None
 ) -> End:
-    """Run the graph with one process per node; `tick` is called some ten times a second, with 0."""
+    """Run the graph with one process per node; `tick` is called some ten times a second, with 0.
+
+    Raises MachineFault where another machine is on the topics.
+    """
+    refuse_second_machine()
     specs = describe_graph(tuple(setup.axes), program, bag, pacing)
     with tempfile.TemporaryDirectory(prefix="pkm_cnc_") as folder:
         parameters = Path(folder, "parameters.yaml")

@@ -150,8 +150,7 @@ def circle_path(arc: Arc, points: Array) -> CirclePath:
 
 
 def _grid() -> Array:
-    grid: Array = np.linspace(0.0, math.tau, _STEPS, endpoint=False)
-    return grid
+    return np.asarray(np.linspace(0.0, math.tau, _STEPS, endpoint=False), dtype=np.float64)
 
 
 def extrema(path: CirclePath) -> list[float]:

@@ -27,7 +27,7 @@ from pkm_cnc.nodes.watchdog import Report, Watchdog
 from pkm_cnc.run_messages import End, end_of, run_end
 from pkm_cnc.topics import ANYONE, RECORDER, RUN_END, WAITING, Topic, topics
 
-__all__ = ["GraphNode", "Tap"]
+__all__ = ["ANOTHER_MACHINE", "GraphNode", "Tap"]
 
 Tap = Callable[[str, int, int, bytes], None]
 """Takes what a node publishes, in the same process: topic, cycle, stamp in ns, CDR bytes."""
@@ -38,6 +38,9 @@ MATCHING_PERIOD = 0.02
 """s of wall time between two looks at whether everyone is there."""
 STARTUP_TIMEOUT = 60.0
 """s of wall time for all nodes to appear: ten processes on two busy cores take a tenth of it."""
+ANOTHER_MACHINE = (
+    "another machine runs in this ROS domain and namespace; give this one its own ROS_DOMAIN_ID or namespace"
+)
 
 
 class GraphNode(LifecycleNode):
@@ -226,31 +229,29 @@ class GraphNode(LifecycleNode):
     def _look_for_all(self) -> None:
         if not self._active or self._matched or self.ended is not None:
             return
-        missing = {node for name in self._senders for node in self._missing(name)}
-        if not missing:
+        obstacle = next((text for name in self._senders if (text := self._obstacle(name))), "")
+        if not obstacle:
             self._matched = True
             self._matching.cancel()
             self._last_step = time.monotonic()
             self._guard(self.start)
             self._guard(self._step_all)
         elif time.monotonic() > self._appear_by:
-            self.fail(f"{min(missing)} has not appeared within {STARTUP_TIMEOUT:g} s")
+            # Not told on run_end: another machine that stands in the way must not be stopped by this.
+            self._end(End(0, self.full_name, f"{obstacle} (waited {STARTUP_TIMEOUT:g} s)"))
 
-    def _missing(self, name: str) -> set[str]:
+    def _obstacle(self, name: str) -> str:
+        """Why a topic cannot be used yet; empty when everyone who must hear it does. A killed node counts for 20 s."""
         sender, listeners = self._senders[name], self._listeners[name]
-        rivals = self.get_publishers_info_by_topic(sender.topic_name)
-        if self.topics[name].publisher != ANYONE and len(rivals) > 1:
-            self.fail(
-                f"{sender.topic_name} has another publisher: another machine runs in this ROS domain and namespace; "
-                "give this one its own ROS_DOMAIN_ID"
-            )
+        if self.topics[name].publisher != ANYONE and self.count_publishers(sender.topic_name) > 1:
+            return f"{sender.topic_name} has another publisher: {ANOTHER_MACHINE}"
         there = {
             f"{end.node_namespace}/{end.node_name}".replace("//", "/").removeprefix(f"{self._root()}/")
             for end in self.get_subscriptions_info_by_topic(sender.topic_name)
         }
-        if listeners <= there and sender.get_subscription_count() < len(listeners):
-            return listeners
-        return listeners - there
+        if not listeners <= there:
+            return f"{min(listeners - there)} has not appeared"
+        return "" if sender.get_subscription_count() >= len(listeners) else f"{sender.topic_name} is not heard by all"
 
     # Stepping -------------------------------------------------------------------------------------------------------
 
