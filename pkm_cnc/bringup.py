@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import signal
 import subprocess
@@ -20,10 +21,6 @@ from pkm_cnc.topics import INTERPOLATOR, RECORDER, nodes
 
 __all__ = ["GraphNodeSpec", "describe_graph", "prepare_environment", "run_in_one_process", "run_in_processes"]
 
-DISCOVERY_TIME = 0.3
-"""s of wall time in which what runs on this machine is discovered."""
-FORGOTTEN_AFTER = 25.0
-"""s of wall time after which DDS has forgotten a killed process (its lease is 20 s)."""
 TERMINATION_TIMEOUT = 10.0
 """s of wall time that processes have to end after the first of them has."""
 
@@ -63,29 +60,23 @@ def prepare_environment() -> None:
         os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir(), "pkm_cnc_log"))
 
 
-def refuse_second_machine() -> None:
-    """Make sure that no other machine is on the topics: it would be disturbed before the nodes could notice it.
+@contextlib.contextmanager
+def sole_machine() -> Iterator[None]:
+    """Hold this computer's ROS domain for one run: two machines on the same topics would stop each other.
 
-    Raises MachineFault. The nodes of a machine that was killed count for the 20 s after which DDS forgets them, so it
-    waits that long for them to vanish.
+    Raises MachineFault where another `pkm_cnc run` holds it. The lock goes with its process, however that ends.
+    Machines that were started otherwise, or elsewhere on the network, are noticed by the nodes before they move.
     """
-    import rclpy
-    from rclpy.context import Context
-    from rclpy.node import Node
-
-    from pkm_cnc.nodes.graph_node import ANOTHER_MACHINE
-
-    context = Context()
-    rclpy.init(args=[], context=context)
-    try:
-        probe = Node("pkm_cnc_probe", context=context, enable_rosout=False, start_parameter_services=False)
-        started = time.monotonic()
-        while (waited := time.monotonic() - started) < DISCOVERY_TIME or probe.count_publishers("tcp/setpoint"):
-            if waited > FORGOTTEN_AFTER:
-                raise MachineFault(f"/tcp/setpoint has a publisher: {ANOTHER_MACHINE}")
-            time.sleep(0.02)
-    finally:
-        context.try_shutdown()
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    path = Path(tempfile.gettempdir(), f"pkm_cnc_domain_{domain}_{os.getuid()}.lock")
+    with path.open("a") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise MachineFault(
+                f"another machine runs in ROS domain {domain}: give this one another ROS_DOMAIN_ID"
+            ) from None
+        yield
 
 
 def run_in_one_process(
@@ -103,24 +94,24 @@ def run_in_one_process(
     from pkm_cnc.nodes.recorder import RecorderNode
     from pkm_cnc.nodes.runner import run_nodes
 
-    refuse_second_machine()
+    parameters = {key: value for key, (value, _) in setup.parameters.items()}
     context = Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        parameters = {key: value for key, (value, _) in setup.parameters.items()}
-        recorder = RecorderNode(RECORDER, tapped=True, context=context, parameters={**parameters, "bag": bag})
-        others = [
-            NODE_CLASSES[spec.executable](
-                spec.executable,
-                context=context,
-                namespace=spec.namespace,
-                parameters={**parameters, **spec.parameters},
-                tap=recorder.tap_in,
-            )
-            for spec in describe_graph(tuple(setup.axes), program, bag, pacing)
-            if spec.executable != RECORDER
-        ]
-        return run_nodes([*others, recorder], context, lambda: tick(recorder.cycles))
+        with sole_machine():
+            recorder = RecorderNode(RECORDER, tapped=True, context=context, parameters={**parameters, "bag": bag})
+            others = [
+                NODE_CLASSES[spec.executable](
+                    spec.executable,
+                    context=context,
+                    namespace=spec.namespace,
+                    parameters={**parameters, **spec.parameters},
+                    tap=recorder.tap_in,
+                )
+                for spec in describe_graph(tuple(setup.axes), program, bag, pacing)
+                if spec.executable != RECORDER
+            ]
+            return run_nodes([*others, recorder], context, lambda: tick(recorder.cycles))
     finally:
         context.try_shutdown()
 
@@ -132,9 +123,8 @@ def run_in_processes(
 
     Raises MachineFault where another machine is on the topics.
     """
-    refuse_second_machine()
     specs = describe_graph(tuple(setup.axes), program, bag, pacing)
-    with tempfile.TemporaryDirectory(prefix="pkm_cnc_") as folder:
+    with sole_machine(), tempfile.TemporaryDirectory(prefix="pkm_cnc_") as folder:
         parameters = Path(folder, "parameters.yaml")
         parameters.write_text(setup.to_yaml(), encoding="utf-8")
         processes = {spec.full_name: _start(spec, parameters, Path(folder)) for spec in specs}
@@ -192,6 +182,8 @@ def _end_of(processes: dict[str, subprocess.Popen[bytes]], folder: Path) -> End:
     for name, process in processes.items():
         if process.returncode < 0:
             return End(0, name, f"killed by {signal.Signals(-process.returncode).name}")
+    for name in processes:
+        sys.stderr.write(_output(folder, name, "err").read_text(errors="replace"))  # warnings
     said = _output(folder, RECORDER, "out").read_text().splitlines()
     return End(int(said[-1].removeprefix(COMPLETED)), RECORDER, "")
 

@@ -27,7 +27,7 @@ from pkm_cnc.nodes.watchdog import Report, Watchdog
 from pkm_cnc.run_messages import End, end_of, run_end
 from pkm_cnc.topics import ANYONE, RECORDER, RUN_END, WAITING, Topic, topics
 
-__all__ = ["ANOTHER_MACHINE", "GraphNode", "Tap"]
+__all__ = ["GraphNode", "Tap"]
 
 Tap = Callable[[str, int, int, bytes], None]
 """Takes what a node publishes, in the same process: topic, cycle, stamp in ns, CDR bytes."""
@@ -38,9 +38,6 @@ MATCHING_PERIOD = 0.02
 """s of wall time between two looks at whether everyone is there."""
 STARTUP_TIMEOUT = 60.0
 """s of wall time for all nodes to appear: ten processes on two busy cores take a tenth of it."""
-ANOTHER_MACHINE = (
-    "another machine runs in this ROS domain and namespace; give this one its own ROS_DOMAIN_ID or namespace"
-)
 
 
 class GraphNode(LifecycleNode):
@@ -134,16 +131,24 @@ class GraphNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Take part: wait until everyone is there, then step whatever arrives."""
+        result = super().on_activate(state)
         self._active = True
         self._appear_by = time.monotonic() + STARTUP_TIMEOUT
-        return super().on_activate(state)
+        self._guard(self._step_all)
+        return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Leave the run; after a fault through the error state."""
+        """Stop stepping; after a fault through the error state. The others wait as long as their watchdog lets them."""
         self._active = False
         super().on_deactivate(state)
         faulted = self.ended is not None and not self.ended.completed
         return TransitionCallbackReturn.ERROR if faulted else TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """A node that is shut down ends the run of all."""
+        if self._active:
+            self.fail("shut down by a life cycle command")
+        return super().on_shutdown(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """A fault is final: the node does not come back to life."""
@@ -244,7 +249,10 @@ class GraphNode(LifecycleNode):
         """Why a topic cannot be used yet; empty when everyone who must hear it does. A killed node counts for 20 s."""
         sender, listeners = self._senders[name], self._listeners[name]
         if self.topics[name].publisher != ANYONE and self.count_publishers(sender.topic_name) > 1:
-            return f"{sender.topic_name} has another publisher: {ANOTHER_MACHINE}"
+            return (
+                f"{sender.topic_name} has another publisher: another machine runs in this ROS domain and namespace; "
+                "give this one its own ROS_DOMAIN_ID or namespace"
+            )
         there = {
             f"{end.node_namespace}/{end.node_name}".replace("//", "/").removeprefix(f"{self._root()}/")
             for end in self.get_subscriptions_info_by_topic(sender.topic_name)
@@ -266,7 +274,7 @@ class GraphNode(LifecycleNode):
             self.fail(str(error))
 
     def _step_all(self) -> None:
-        while self._matched and self.join.complete and self.ended is None and self.may_step():
+        while self._active and self._matched and self.join.complete and self.ended is None and self.may_step():
             cycle = self.join.cycle
             self.step(cycle, self.join.take())
             self._last_step = time.monotonic()

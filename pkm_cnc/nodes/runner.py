@@ -13,6 +13,7 @@ from typing import Any
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
@@ -39,13 +40,15 @@ def make_executor(context: Context) -> Any:
 def run_nodes(nodes: Sequence[GraphNode], context: Context, tick: Callable[[], None] = lambda: None) -> End:
     """Configure and activate `nodes`, spin until all have heard the end of the run, and return it.
 
-    SIGINT and SIGTERM end the run cleanly. `tick` is called some ten times a second.
+    A node whose parameter autostart is false waits for life cycle commands instead. SIGINT and SIGTERM end the run
+    cleanly. `tick` is called some ten times a second.
     """
-    for node in nodes:
+    started = [node for node in nodes if node.get_parameter_or("autostart", Parameter("autostart", value=True)).value]
+    for node in started:
         node.trigger_configure()
         if node.ended is not None:
             return node.ended
-    for node in nodes:
+    for node in started:
         node.trigger_activate()
     return _spin(nodes, context, tick)
 
