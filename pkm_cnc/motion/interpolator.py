@@ -51,9 +51,9 @@ class MotionParameters:
         "the exact path mode (G61) of RS-274: a corner is a stop of the setpoint, the axes need not have caught up.",
     )
     in_position_tolerance: float = parameter(
-        1e-6,
-        "The TCP is in position when it is this close to the setpoint. The default is the resolution of a part program "
-        "with three decimals of a mm.",
+        40e-6,
+        "The TCP is in position when the controller believes it this close to the setpoint. The default is twice the "
+        "resolution of the linear scale of the thesis (20 um): with a coarse scale a finer one may never be met.",
         unit="m",
         above=0.0,
     )
