@@ -206,7 +206,8 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
     Raises InputError naming the key and the bound, for unknown keys too.
     """
     if not isinstance(values.get("machine"), str):
-        raise InputError("machine: missing; it names the kinematics, e.g. tripod")
+        given = repr(values["machine"]) if "machine" in values else "nothing"
+        raise InputError(f"machine: {given} given; it must name the kinematics, e.g. tripod")
     name = str(values["machine"])
     kinematics = load_kinematics(name)
     sections: dict[str, Any] = {"": ControllerParameters, "geometry": kinematics.Geometry, "motion": MotionParameters}
@@ -226,7 +227,7 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
         own |= {f"{axis}.{section}": (axes[axis], section, extra) for section, (_, extra) in parts.items() if extra}
     controller, motion, graph = common[""], common["motion"], common["graph"]
     period = round(controller.servo_period * NANOSECONDS)
-    if abs(period - controller.servo_period * NANOSECONDS) > 1e-6 * period:
+    if abs(period - controller.servo_period * NANOSECONDS) > 1e-3:  # ns; decimals read as a double miss it by less
         raise InputError(f"servo_period: {controller.servo_period} s is not a whole number of nanoseconds")
     return Setup(
         machine_name=name,

@@ -120,5 +120,6 @@ def read_section(section: type[Section], values: Mapping[str, object], prefix: s
     known = {spec.name: spec for spec in parameters_of(section)}
     for name in values:
         if name not in known:
-            raise InputError(f"{prefix}{name}: unknown parameter; {prefix}* knows {', '.join(known)}")
+            names = ", ".join(f"{prefix}{known_name}" for known_name in known)
+            raise InputError(f"{prefix}{name}: unknown parameter; there are {names}")
     return section(**{name: known[name].check(value, prefix + name) for name, value in values.items()})

@@ -39,11 +39,13 @@ _INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of the array
 class McapStream:
     """An MCAP file being written: `add_channel` first, then `write` and at the end `close`.
 
-    `chunk_bytes`: a chunk is compressed, written and flushed as soon as it holds that much. Raises OSError.
+    `chunk_bytes`: a chunk is compressed and written as soon as it holds that much. Raises OSError; after that nothing
+    more is written, so that no record stands behind half of another.
     """
 
     def __init__(self, path: Path, chunk_bytes: int) -> None:
-        self._file = path.open("xb")
+        self._file = path.open("xb", buffering=0)
+        self._failure: OSError | None = None
         self._chunk_bytes = chunk_bytes
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._schemas: dict[str, Schema] = {}
@@ -54,7 +56,7 @@ class McapStream:
         self._last_time = 0
         self._messages: list[tuple[int, int, bytes]] = []
         self._held = 0
-        self._file.write(MCAP0_MAGIC)
+        self._write(MCAP0_MAGIC)
         self._put([Header(profile="ros2", library="pkm_cnc")])
 
     def add_channel(self, topic: str, typename: str, definition: str, metadata: dict[str, str]) -> int:
@@ -124,8 +126,7 @@ class McapStream:
         for channel, entries in sorted(index.items()):
             offsets[channel] = self._file.tell()
             array = np.array(entries, dtype="<u8").tobytes()
-            self._file.write(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(array), channel, len(array)) + array)
-        self._file.flush()
+            self._write(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(array), channel, len(array)) + array)
         if not self._chunks:
             self._first_time = first
         self._first_time, self._last_time = min(self._first_time, first), max(self._last_time, last)
@@ -159,7 +160,7 @@ class McapStream:
             self.flush()
             self._put([DataEnd(data_section_crc=0)])
             self._put_summary()
-            self._file.write(MCAP0_MAGIC)
+            self._write(MCAP0_MAGIC)
         finally:
             self._file.close()
 
@@ -193,11 +194,22 @@ class McapStream:
         summary += _bytes(offsets)
         unsummed = _bytes([Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=0)])
         crc = zlib.crc32(summary + unsummed[:-4])
-        self._file.write(summary)
+        self._write(summary)
         self._put([Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=crc)])
 
     def _put(self, content: Iterable[McapRecord]) -> None:
-        self._file.write(_bytes(content))
+        self._write(_bytes(content))
+
+    def _write(self, data: bytes) -> None:
+        if self._failure is not None:
+            raise self._failure
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            self._failure = error
+            raise
 
 
 def _bytes(content: Iterable[McapRecord]) -> bytes:

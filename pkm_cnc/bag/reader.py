@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
 from pkm_cnc.errors import InputError
-from pkm_cnc.messages import codec, deserialize
+from pkm_cnc.messages import codec, deserialize, typestore
 from pkm_cnc.topics import SERVO_FRAMES
 
 __all__ = ["Run", "read_run"]
@@ -62,7 +63,7 @@ def read_run(folder: Path | str) -> Run:
         messages = data.get(number, [])
         if typename in SERVO_FRAMES:
             servo[topic] = _table(path, topic, messages, codec(typename, SERVO_FRAMES[typename]).dtype)
-        else:
+        elif typename in typestore().fielddefs:
             slow[topic] = [deserialize(content, typename) for content in messages]
     return Run(path, servo, slow, complete)
 
@@ -79,11 +80,13 @@ def _read(path: Path, types: dict[int, tuple[str, str]], data: dict[int, list[by
                     types[record.id] = (record.topic.lstrip("/"), names[record.schema_id])
                 elif isinstance(record, Chunk):
                     content = decompressor.decompress(record.data, max_output_size=record.uncompressed_size)
+                    if zlib.crc32(content) != record.uncompressed_crc:
+                        return False
                     for channel, message in _messages(content):
                         data.setdefault(channel, []).append(message)
                 elif isinstance(record, DataEnd):
                     return True
-        except (McapError, struct.error, zstandard.ZstdError):
+        except (McapError, struct.error, zstandard.ZstdError, ValueError, KeyError):  # what damage leads to
             if not names:
                 raise InputError(f"bag {path}: not an MCAP file") from None
     return False

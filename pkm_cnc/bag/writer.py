@@ -35,9 +35,9 @@ class BagWriter:
         try:
             self.folder.mkdir(parents=True)
             self._stream = McapStream(self.folder / self._file_name, CHUNK_BYTES)
+            self._channels = {topic.name: self._add(topic) for topic in self._topics}
         except OSError as error:
             raise InputError(f"bag {self.folder} cannot be created: {error.strerror}") from None
-        self._channels = {topic.name: self._add(topic) for topic in self._topics}
 
     def _add(self, topic: Topic) -> int:
         definition, _ = typestore().generate_msgdef(topic.typename, ros_version=2)

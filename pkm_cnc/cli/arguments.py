@@ -34,8 +34,21 @@ def setup_of(arguments: argparse.Namespace) -> Setup:
 
 
 def write_text(path: str, text: str) -> None:
-    """Write a file whole or not at all. Raises InputError where it cannot be written."""
+    """Write a file whole or not at all; into what is no plain file (a device, a pipe, a link) the text is just written.
+
+    Raises InputError where it cannot be written.
+    """
     target = Path(path)
+    try:
+        if target.is_symlink() or (target.exists() and not target.is_file()):
+            target.write_text(text, encoding="utf-8")
+        else:
+            _replace(target, text)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}") from None
+
+
+def _replace(target: Path, text: str) -> None:
     temporary = None
     try:
         with tempfile.NamedTemporaryFile("w", dir=target.parent, delete=False, encoding="utf-8") as file:
@@ -45,8 +58,8 @@ def write_text(path: str, text: str) -> None:
         os.umask(umask)
         os.chmod(temporary, 0o666 & ~umask)
         os.replace(temporary, target)
-    except OSError as error:
+    except OSError:
         if temporary is not None:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
-        raise InputError(f"{path} cannot be written: {error.strerror}") from None
+        raise

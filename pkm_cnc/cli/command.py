@@ -61,8 +61,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"pkm_cnc: {' '.join(str(error).split())}", file=sys.stderr)
         return error.exit_code
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
+    except OSError as error:  # a file that cannot be used has its own error: what is left is standard output
+        _discard_output()
+        print(f"pkm_cnc: {error.filename or 'standard output'}: {error.strerror}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print("pkm_cnc: stopped by SIGINT", file=sys.stderr)
         return 1
     return 0
+
+
+def _discard_output() -> None:
+    """What standard output still holds goes nowhere: at the end Python would fail on it a second time."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

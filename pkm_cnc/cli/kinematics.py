@@ -31,9 +31,11 @@ def _kinematics(arguments: argparse.Namespace) -> None:
     joints = [f"{name}_mm" for name in machine.axes]
     read, write = (poses, joints) if arguments.direction == "inverse" else (joints, poses)
     transform = machine.inverse if arguments.direction == "inverse" else machine.forward
+    rows = _rows(sys.stdin, read)
+    next(rows)  # the header is right
     writer = csv.writer(sys.stdout, lineterminator="\n")
     writer.writerow(write)
-    for line, values in _rows(sys.stdin, read):
+    for line, values in rows:
         try:
             result = [value * 1e3 for value in transform([value / 1e3 for value in values]).tolist()]
         except UnreachableError as error:
@@ -43,17 +45,21 @@ def _kinematics(arguments: argparse.Namespace) -> None:
 
 
 def _rows(source: TextIO, columns: Sequence[str]) -> Iterator[tuple[int, list[float]]]:
+    """The header (no values) and then the rows, each with its line."""
     reader = csv.reader(source)
-    header = [name.strip() for name in next(reader, [])]
-    if header != list(columns):
-        raise InputError(f"stdin:1: columns {','.join(header) or '(none)'}, expected {','.join(columns)}")
-    for row in reader:
-        if not row:
-            continue
-        try:
-            values = [float(cell) for cell in row]
-        except ValueError as error:
-            raise InputError(f"stdin:{reader.line_num}: {error}") from None
-        if len(values) != len(columns):
-            raise InputError(f"stdin:{reader.line_num}: {len(values)} values, {len(columns)} expected")
-        yield reader.line_num, values
+    try:
+        header = [name.strip() for name in next(reader, [])]
+        if header != list(columns):
+            raise InputError(f"stdin:1: columns {','.join(header) or '(none)'}, expected {','.join(columns)}")
+        yield 1, []
+        for row in reader:
+            if row:
+                yield reader.line_num, _values(row, len(columns))
+    except (csv.Error, ValueError) as error:
+        raise InputError(f"stdin:{max(reader.line_num, 1)}: {error}") from None
+
+
+def _values(row: Sequence[str], columns: int) -> list[float]:
+    if len(row) != columns:
+        raise ValueError(f"{len(row)} values, {columns} expected")
+    return [float(cell) for cell in row]

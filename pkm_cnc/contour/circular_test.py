@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pkm_cnc.contour.program_text import coordinate, number, require_positive, rounded
+from pkm_cnc.contour.program_text import coordinate, number, require_finite, require_positive, rounded
 from pkm_cnc.contour.summary import SegmentSummary, contour_error_report
 from pkm_cnc.errors import InputError
 from pkm_cnc.program import NOT_EVALUATED_COMMENT, Arc
@@ -57,9 +57,11 @@ def circle_program(
     angle 0 (the data arc), overshoot arc, tangential feed-out line; all but the data arc are marked as not evaluated.
     The lines are 10 mm or twice what reaching the feed takes at `acceleration_mm_s2`, whichever is longer.
 
-    Raises InputError for a feed, radius or acceleration not above 0, an overshoot that is no arc, another direction.
+    Raises InputError for a feed, radius or acceleration not above 0, a center that is not finite, an overshoot that is
+    no arc, another direction.
     """
     require_positive(feed_mm_min=feed_mm_min, radius_mm=radius_mm, acceleration_mm_s2=acceleration_mm_s2)
+    require_finite(center_mm=center_mm)
     if direction not in _DIRECTIONS:
         raise InputError(f"direction: {direction!r} is not one of {', '.join(_DIRECTIONS)}")
     if not 0.0 < overshoot_deg < 360.0:

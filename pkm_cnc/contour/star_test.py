@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from pkm_cnc.contour.program_text import coordinate, number, require_positive, rounded
+from pkm_cnc.contour.program_text import coordinate, number, require_finite, require_positive, rounded
 from pkm_cnc.contour.summary import SegmentSummary, contour_error_report
 from pkm_cnc.errors import InputError
 from pkm_cnc.program import Line
@@ -43,9 +43,11 @@ def star_program(feed_mm_min: float, headings_deg: Sequence[float], pivot_mm: Se
     """The star test as a part program (mm): per heading a rapid to the line's start and a feed through its middle.
 
     `pivot_mm` is the point x, y that all lines are centred on; z stays where it is. Headings are degrees
-    counter-clockwise from +x. Raises InputError for a feed or a length that is not above 0, or no headings.
+    counter-clockwise from +x. Raises InputError for a feed or a length that is not above 0, a
+    pivot that is not finite, or no headings.
     """
     require_positive(feed_mm_min=feed_mm_min, length_mm=length_mm)
+    require_finite(pivot_mm=pivot_mm)
     if not headings_deg:
         raise InputError("headings: none given")
     x, y = pivot_mm

@@ -126,7 +126,7 @@ class GraphNode(LifecycleNode):
         self._make_subscriptions()
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._matching = self.create_timer(MATCHING_PERIOD, self._look_for_all, clock=clock)
-        self.create_timer(min(1.0, self.setup.graph.watchdog / 4), self._watch, clock=clock)
+        self.create_timer(self._watchdog.period, self._watch, clock=clock)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -306,13 +306,13 @@ class GraphNode(LifecycleNode):
             return
         content = message(self.topics[WAITING].typename, header=(0, ""), **report._asdict())
         self._senders[WAITING].publish(serialize(content))
-        verdict = self._watchdog.verdict(waited)
+        verdict = self._watchdog.verdict(waited, time.monotonic())
         if verdict:
             self.fail(verdict)
 
     def _receive_waiting(self, data: bytes) -> None:
         report = deserialize(data, self.topics[WAITING].typename)
-        self._watchdog.take(Report(report.node, report.waiting_for, report.topic, report.cycle))
+        self._watchdog.take(Report(report.node, report.waiting_for, report.topic, report.cycle), time.monotonic())
 
     # End ------------------------------------------------------------------------------------------------------------
 

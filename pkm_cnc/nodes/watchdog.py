@@ -10,9 +10,6 @@ from typing import NamedTuple
 
 __all__ = ["Report", "Watchdog"]
 
-GRACE = 0.5
-"""s between saying that one waits and judging who is silent, so that all who wait have said so."""
-
 
 class Report(NamedTuple):
     """A node that waits: for whom, on which topic, for which cycle."""
@@ -24,24 +21,32 @@ class Report(NamedTuple):
 
 
 class Watchdog:
-    """Collects the reports of one run; `limit` s is how long a node waits before it reports."""
+    """Collects the reports of one run; `limit` s is how long a node waits before it gives up.
+
+    A node reports from half of that on, and looks every `period` s, so that all who wait have said so before one judges.
+    """
 
     def __init__(self, limit: float) -> None:
         self._limit = limit
-        self._reports: dict[str, Report] = {}
+        self._reports: dict[str, tuple[float, Report]] = {}
+        self.period = min(1.0, limit / 8)
 
-    def take(self, report: Report) -> None:
-        """Note that a node waits."""
-        self._reports[report.node] = report
+    def take(self, report: Report, now: float) -> None:
+        """Note that a node waits at the time `now`, s."""
+        self._reports[report.node] = (now, report)
 
     def too_long(self, waited: float) -> bool:
         """Whether a node that has waited that long, s, must report it."""
-        return waited > self._limit
+        return waited > self._limit / 2
 
-    def verdict(self, waited: float) -> str:
-        """Who is silent, as the reason of a fault; empty while it is too early to say."""
-        silent = [report for report in self._reports.values() if report.waiting_for not in self._reports]
-        if waited < self._limit + GRACE or not silent:
+    def verdict(self, waited: float, now: float) -> str:
+        """Who is silent, as the reason of a fault; empty while it is too early to say.
+
+        A report from before this wait began does not count: who made it has gone on since.
+        """
+        reports = {node: report for node, (time, report) in self._reports.items() if time > now - waited}
+        silent = [report for report in reports.values() if report.waiting_for not in reports]
+        if waited < self._limit or not silent:
             return ""
         first = min(silent, key=lambda report: (report.cycle, report.waiting_for, report.topic))
         return f"{first.waiting_for} has not answered cycle {first.cycle} on {first.topic} for {self._limit:g} s"

@@ -81,8 +81,8 @@ def canonical_motion(motions: Iterable[Element], zero: Vector) -> list[dict[str,
     """The motions (of `read_motions`, or a toolpath) as `pkm_cnc check --json` lists them.
 
     Each has "kind" ("traverse", "feed", "arc"), "line", "end_mm" [x, y, z] relative to `zero` (m, in `base_link`) and
-    "feed_mm_min" (for a traverse the rapid); an arc also "center_mm", absolute likewise, "turns" (+1 counter-clockwise,
-    -1 clockwise) and "plane".
+    "feed_mm_min" (for a traverse the rapid); an arc also "center_mm", relative to `zero` and as programmed if it is,
+    "turns" (+1 counter-clockwise, -1 clockwise) and "plane".
     """
     return [_listed(motion, zero) for motion in motions]
 
@@ -95,7 +95,7 @@ def _listed(motion: Element, zero: Vector) -> dict[str, Any]:
         "feed_mm_min": round(motion.feed * MM_PER_MIN, 9),
     }
     if isinstance(motion, Arc):
-        entry["center_mm"] = _program_mm(motion.center, zero)
+        entry["center_mm"] = _program_mm(motion.programmed_center or motion.center, zero)
         entry["turns"] = 1 if motion.sweep > 0.0 else -1
         entry["plane"] = "xy"
     return entry
@@ -194,7 +194,8 @@ def _arc(
         left = _center_left_of_chord(block, direction, i, j, dx, dy, chord)
     center = (0.5 * (start[0] + end[0]) - left * dy / chord, 0.5 * (start[1] + end[1]) + left * dx / chord, start[2])
     sweep = 2.0 * direction * math.atan2(0.5 * chord, direction * left)
-    return Arc(block.line, start, end, feed, False, evaluated, center, sweep)
+    programmed = (start[0] + i, start[1] + j, start[2]) if by_center else None
+    return Arc(block.line, start, end, feed, False, evaluated, center, sweep, programmed)
 
 
 def _center_of_full_circle(block: Block, by_radius: bool, start: Vector, i: float, j: float) -> Vector:

@@ -74,6 +74,8 @@ class Arc:
 
     The first fields are those of `Line`. `sweep` (rad) is the angle travelled, + counter-clockwise seen from +z, at
     most one full turn; a full circle has `sweep` = +-2 pi. `radius` and `length` (m) follow.
+    `programmed_center` is the center as the part program gives it, None if it does not: the arc itself is put through
+    its ends exactly.
     """
 
     line: int
@@ -84,6 +86,7 @@ class Arc:
     evaluated: bool
     center: Vector
     sweep: float
+    programmed_center: Vector | None = field(default=None, repr=False, compare=False)
     radius: float = field(init=False, repr=False, compare=False)
     length: float = field(init=False, repr=False, compare=False)
     _spoke: tuple[float, float] = field(init=False, repr=False, compare=False)  # center to start, x y
