@@ -121,10 +121,11 @@ def main() -> None:
         started = time.perf_counter()
         end = run_in_one_process(setup, ten_minutes.name, str(folder / "one"), "fast", watch)
         wall, machine = time.perf_counter() - started, (end.cycle + 1) * setup.servo_period
+        assert end.completed, end
         per_cycle = wall / (end.cycle + 1)
         print(f"run, one process:         {machine / wall:6.2f} x real time   (required 1.5, aim 2.5)", flush=True)
         print(f"  a cycle costs           {per_cycle / hop:6.1f} bare hops")
-        growth = memory.get(MINUTE_10, float("nan")) - memory.get(MINUTE_1, float("nan"))
+        growth = memory[MINUTE_10] - memory[MINUTE_1]
         print(
             f"  resident memory growth  {growth:6.1f} MB from minute 1 to minute 10   (required below 20)", flush=True
         )
@@ -132,6 +133,7 @@ def main() -> None:
         started = time.perf_counter()
         end = run_in_processes(setup, minute.name, str(folder / "each"), "fast")
         wall, machine = time.perf_counter() - started, (end.cycle + 1) * setup.servo_period
+        assert end.completed, end
         print(f"run, one process a node:  {machine / wall:6.2f} x real time   (required 0.6, aim 1)", flush=True)
 
 
