@@ -4,11 +4,13 @@ ros2 launch pkm_cnc tripod.launch.py program:=FILE.ngc bag:=FOLDER [pacing:=real
 """
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, Shutdown, TimerAction
+from launch.event_handlers import OnProcessExit
+from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from pkm_cnc.bringup import describe_graph
+from pkm_cnc.bringup import LEAVE_TIMEOUT, describe_graph
 from pkm_cnc.config import load_setup, machine_files
 
 
@@ -28,8 +30,16 @@ def _nodes(context: LaunchContext) -> list[Node]:
     ]
 
 
+def _leave(event: ProcessExited, context: LaunchContext) -> list[TimerAction] | None:
+    """After a failure the other nodes have a moment to hear of it and to close the bag, then they are stopped."""
+    if event.returncode == 0:
+        return None
+    reason = f"{event.process_name} ended with {event.returncode}"
+    return [TimerAction(period=LEAVE_TIMEOUT, actions=[Shutdown(reason=reason)])]
+
+
 def generate_launch_description() -> LaunchDescription:
-    """Every node ends by itself at the end of the run or after a fault, and with the last of them the launch."""
+    """At the end of a run every node ends by itself, and with the last of them the launch."""
     return LaunchDescription(
         [
             DeclareLaunchArgument("program", description="part program (RS-274, mm)"),
@@ -39,5 +49,6 @@ def generate_launch_description() -> LaunchDescription:
                 "parameters", default_value=str(machine_files()["tripod"]), description="machine file (YAML)"
             ),
             OpaqueFunction(function=_nodes),
+            RegisterEventHandler(OnProcessExit(on_exit=_leave)),
         ]
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import math
 import os
 import signal
 import subprocess
@@ -21,6 +22,9 @@ from pkm_cnc.topics import INTERPOLATOR, RECORDER, nodes
 
 __all__ = ["GraphNodeSpec", "describe_graph", "prepare_environment", "run_in_one_process", "run_in_processes"]
 
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+LEAVE_TIMEOUT = 3.0
+"""s of wall time after which processes are told to leave after one of them has failed."""
 TERMINATION_TIMEOUT = 10.0
 """s of wall time that processes have to end after the first of them has."""
 
@@ -127,10 +131,13 @@ def run_in_processes(
     with sole_machine(), tempfile.TemporaryDirectory(prefix="pkm_cnc_") as folder:
         parameters = Path(folder, "parameters.yaml")
         parameters.write_text(setup.to_yaml(), encoding="utf-8")
-        processes = {spec.full_name: _start(spec, parameters, Path(folder)) for spec in specs}
-        with _forwarded_signals(processes[INTERPOLATOR]):
-            _wait(processes, tick)
-        return _end_of(processes, Path(folder))
+        processes: dict[str, subprocess.Popen[bytes]] = {}
+        with _forwarded_signals(processes):
+            with _held_signals():
+                for spec in specs:
+                    processes[spec.full_name] = _start(spec, parameters, Path(folder))
+            order = _wait(processes, tick)
+        return _end_of({name: processes[name] for name in order}, Path(folder))
 
 
 def _start(spec: GraphNodeSpec, parameters: Path, folder: Path) -> subprocess.Popen[bytes]:
@@ -157,19 +164,27 @@ def _output(folder: Path, full_name: str, stream: str) -> Path:
     return folder / f"{full_name.replace('/', '.')}.{stream}"
 
 
-def _wait(processes: dict[str, subprocess.Popen[bytes]], tick: Callable[[int], None]) -> None:
-    give_up = None
-    while any(process.poll() is None for process in processes.values()):
+def _wait(processes: dict[str, subprocess.Popen[bytes]], tick: Callable[[int], None]) -> list[str]:
+    """Wait until all have ended; return their names in the order in which they did."""
+    order: list[str] = []
+    first_left = math.inf
+    told = False
+    while len(order) < len(processes):
         time.sleep(0.1)
         tick(0)
-        left = [process for process in processes.values() if process.poll() is not None]
-        orderly = [process for process in left if process.returncode >= 0]
-        if orderly and give_up is None:
-            give_up = time.monotonic() + TERMINATION_TIMEOUT
-        if give_up is not None and time.monotonic() > give_up:
-            for process in processes.values():
-                if process.poll() is None:
-                    process.kill()
+        now = time.monotonic()
+        order += [name for name, process in processes.items() if name not in order and process.poll() is not None]
+        if any(processes[name].returncode >= 0 for name in order):  # a killed one is the watchdog's matter
+            first_left = min(first_left, now)
+        running = [process for name, process in processes.items() if name not in order]
+        if now > first_left + TERMINATION_TIMEOUT:
+            for process in running:
+                process.kill()
+        elif now > first_left + LEAVE_TIMEOUT and not told and any(processes[name].returncode > 0 for name in order):
+            told = True
+            for process in running:
+                process.terminate()
+    return order
 
 
 def _end_of(processes: dict[str, subprocess.Popen[bytes]], folder: Path) -> End:
@@ -189,11 +204,22 @@ def _end_of(processes: dict[str, subprocess.Popen[bytes]], folder: Path) -> End:
 
 
 @contextlib.contextmanager
-def _forwarded_signals(process: subprocess.Popen[bytes]) -> Iterator[None]:
-    def forward(number: int, frame: object) -> None:
-        process.send_signal(number)
+def _held_signals() -> Iterator[None]:
+    """Signals wait meanwhile; a process that is started takes them when it is ready to."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
-    before = {number: signal.signal(number, forward) for number in (signal.SIGINT, signal.SIGTERM)}
+
+@contextlib.contextmanager
+def _forwarded_signals(processes: dict[str, subprocess.Popen[bytes]]) -> Iterator[None]:
+    def forward(number: int, frame: object) -> None:
+        for process in processes.values():
+            process.send_signal(number)
+
+    before = {number: signal.signal(number, forward) for number in STOP_SIGNALS}
     try:
         yield
     finally:

@@ -17,6 +17,9 @@ SAMPLING = 0.25e-3
 """m. Distance of the points checked along a path. Between two of them a path on a machine of strut length 0.6 m can
 bulge by at most SAMPLING^2 / 8 / 0.2 m = 0.04 um further out than either."""
 
+PORTION = 10_000
+"""Points checked at a time, so that memory does not grow with the length of an element."""
+
 
 def prepare(setup: Setup, program: Program) -> Toolpath:
     """Interpret a program for a machine and check all of it.
@@ -38,12 +41,19 @@ def check_toolpath(setup: Setup, program: Program, toolpath: Toolpath) -> None:
 
 
 def _check_element(setup: Setup, where: str, element: Line | Arc) -> None:
+    # The ends first: a coordinate with a zero too many is refused before a path of that length is looked at.
+    _check_points(setup, where, np.array([element.start, element.end]))
     steps = max(1, math.ceil(element.length / SAMPLING))
-    points = np.array([element.position(element.length * step / steps) for step in range(steps + 1)])
+    for first in range(0, steps + 1, PORTION):
+        places = range(first, min(first + PORTION, steps + 1))
+        _check_points(setup, where, np.array([element.position(element.length * step / steps) for step in places]))
+
+
+def _check_points(setup: Setup, where: str, points: NDArray[np.float64]) -> None:
     violations = setup.machine.violations(points)
     if violations:
         worst = max(violations, key=lambda violation: violation.excess)
-        raise InputError(f"{where}: outside the workspace {_place(setup, points[worst.row])}: {worst.reason}")
+        raise InputError(f"{where}: outside the workspace {_place(setup, points[worst.row or 0])}: {worst.reason}")
     joints = setup.machine.inverse(points)
     for column, (axis, axis_setup) in enumerate(setup.axes.items()):
         travel = axis_setup.travel

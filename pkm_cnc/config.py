@@ -123,7 +123,9 @@ class Setup:
 def machine_files() -> dict[str, Path]:
     """The machine files that come with the package, by bare name."""
     package = Path(__file__).resolve().parent
-    candidates = [package.parent / "config", *(parent / "share" / "pkm_cnc" / "config" for parent in package.parents)]
+    installed = [parent / "share" / "pkm_cnc" / "config" for parent in package.parents]
+    source_tree = [package.parent / "config"] if (package.parent / "setup.py").is_file() else []
+    candidates = [*source_tree, *installed]
     for folder in candidates:
         if folder.is_dir():
             return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
@@ -206,8 +208,8 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
     Raises InputError naming the key and the bound, for unknown keys too.
     """
     if not isinstance(values.get("machine"), str):
-        given = repr(values["machine"]) if "machine" in values else "nothing"
-        raise InputError(f"machine: {given} given; it must name the kinematics, e.g. tripod")
+        found = repr(values["machine"]) if "machine" in values else "nothing"
+        raise InputError(f"machine: {found} given; it must name the kinematics, e.g. tripod")
     name = str(values["machine"])
     kinematics = load_kinematics(name)
     sections: dict[str, Any] = {"": ControllerParameters, "geometry": kinematics.Geometry, "motion": MotionParameters}

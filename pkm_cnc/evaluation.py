@@ -110,7 +110,7 @@ def evaluate(run: Run) -> Evaluation:
         machine=info.machine,
         servo_period=info.servo_period / 1_000_000_000,
         program_name=info.program_name,
-        end=run_messages.End(ends[0].cycle, ends[0].node, ends[0].reason) if ends else None,
+        end=run_messages.ended(ends[0]) if ends else None,
         elements=elements,
         starts=starts,
         summaries={summary.segment: summary for summary in monitor.finish()},

@@ -72,7 +72,8 @@ class Codec:
             formats.append("<" + np.dtype(code).str[1:] if size > 1 else np.dtype(code).str)
             offsets.append(struct.calcsize(layout))
             layout += code
-        layout += f"{-struct.calcsize(layout) % 4}x"  # as DDS pads what it sends
+        self._end = -struct.calcsize(layout) % 4
+        layout += f"{self._end}x"  # as DDS pads bytes; the end of a typed message it leaves
         self._struct = struct.Struct(layout)
         self.size = self._struct.size
         self.dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": self.size})
@@ -84,6 +85,8 @@ class Codec:
 
     def unpack(self, data: bytes) -> tuple[int, tuple[Any, ...]]:
         """Cycle and values of a message. Raises ValueError where the length or the frame is another one."""
+        if len(data) != self.size and len(data) + self._end == self.size:
+            data += bytes(self._end)
         if len(data) != self.size:
             raise ValueError(f"{self.typename}: {len(data)} bytes received, {self.size} expected")
         fields = self._struct.unpack(data)

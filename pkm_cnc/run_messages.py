@@ -16,7 +16,7 @@ from pkm_cnc.program import Arc, Line, Program
 from pkm_cnc.records import Vector
 from pkm_cnc.topics import BASE_FRAME
 
-__all__ = ["COMPLETED", "End", "element_of", "end_of", "run_end", "run_info", "segment", "segment_summary"]
+__all__ = ["COMPLETED", "End", "element_of", "end_of", "ended", "run_end", "run_info", "segment", "segment_summary"]
 
 LINE, ARC = 0, 1
 
@@ -118,7 +118,13 @@ def run_end(end: End, time: int) -> bytes:
 def end_of(data: bytes) -> End:
     """The end that a RunEnd message tells."""
     content = deserialize(data, "pkm_cnc_msgs/msg/RunEnd")
-    return End(content.cycle, content.node, content.reason)
+    return ended(content)
+
+
+def ended(content: Any) -> End:
+    """The end that a RunEnd message object tells."""
+    reason = content.reason or ("" if content.completed else "stopped without a reason")
+    return End(content.cycle, content.node, reason)
 
 
 def _point(point: Vector) -> Any:

@@ -20,8 +20,8 @@ __all__ = ["Visuals"]
 
 STATE_PERIOD_NS = 40_000_000
 """ns of machine time between two joint states and poses: 25 Hz, what an eye follows."""
-DRAWING_PERIOD_NS = 200_000_000
-"""ns of machine time between two drawings."""
+STATES_PER_DRAWING = 5
+"""Joint states between two drawings, which cost more."""
 ACTUAL_POINTS = 200
 """Points of the actual path that are kept: the last 8 s."""
 PROGRAMMED_ELEMENTS = 200
@@ -41,7 +41,7 @@ class Visuals:
         self._axes = list(axes)
         self._period = servo_period_ns
         self._state_cycles = max(1, STATE_PERIOD_NS // servo_period_ns)
-        self._drawing_cycles = max(1, DRAWING_PERIOD_NS // servo_period_ns)
+        self._drawing_cycles = STATES_PER_DRAWING * self._state_cycles
         self._programmed: deque[list[Vector]] = deque(maxlen=PROGRAMMED_ELEMENTS)
         self._actual: deque[Vector] = deque(maxlen=ACTUAL_POINTS)
 

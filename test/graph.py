@@ -8,6 +8,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from running import AXES
 
 from pkm_cnc.bag import BagWriter
 from pkm_cnc.bringup import describe_graph, run_in_one_process
@@ -20,7 +21,6 @@ from pkm_cnc.nodes.runner import run_nodes
 from pkm_cnc.program import read_program
 from pkm_cnc.simulation import simulate
 from pkm_cnc.topics import RECORDER, topics
-from running import AXES
 
 TOPICS = topics(AXES)
 RECORDED = [topic for topic in TOPICS.values() if topic.recorded]
@@ -98,7 +98,7 @@ class Visitor:
 
     def spin(self):
         """Take whatever has arrived."""
-        for _ in range(500):
+        for _ in range(50):
             self._executor.spin_once(timeout_sec=0)
 
     def speaker(self, name):

@@ -68,7 +68,7 @@ def children(pid):
     """Processes of the nodes that process `pid` started, by the node's full name."""
     found = {}
     for path in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError, IndexError, ValueError):
+        with contextlib.suppress(OSError, IndexError, ValueError, StopIteration):
             if int((path / "stat").read_text().rpartition(")")[2].split()[1]) != pid:
                 continue
             words = (path / "cmdline").read_bytes().decode().split("\0")

@@ -5,6 +5,7 @@ import math
 import os
 import signal
 import time
+from functools import partial
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -17,6 +18,7 @@ from rcl_interfaces.msg import ParameterType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.task import Future
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 from running import AXES, LONG, SHORT, command, messages, servo_messages
@@ -29,7 +31,7 @@ from pkm_cnc.nodes.message_types import message_class
 from pkm_cnc.nodes.plant import PlantNode
 from pkm_cnc.nodes.recorder import RecorderNode
 from pkm_cnc.nodes.runner import make_executor
-from pkm_cnc.topics import nodes
+from pkm_cnc.topics import nodes, topics
 
 SERVO_TOPICS = ["/tcp/setpoint", *(f"/{axis}/{name}" for axis in AXES for name in ("setpoint", "command", "actual"))]
 SERVO_TOPICS += ["/tcp/state", "/contour_error"]
@@ -121,7 +123,7 @@ def test_typed_publishers_of_others_are_understood(ros_domain):
         speakers = {}
         for number, (typename, topic) in enumerate(fixed.items()):
             kind = message_class(typename)
-            hear = lambda data, typename=typename: received.setdefault(typename, data)  # noqa: E731
+            hear = partial(received.setdefault, typename)
             node.create_subscription(kind, f"typed_{number}", hear, RELIABLE, raw=True)
             speakers[node.create_publisher(kind, f"typed_{number}", RELIABLE)] = (kind, topic)
         deadline = time.monotonic() + 20
@@ -130,16 +132,10 @@ def test_typed_publishers_of_others_are_understood(ros_domain):
                 message = kind(cycle=1841)
                 message.header.frame_id = topic.frame_id
                 speaker.publish(message)
-            executor.spin_until_future_complete(context_future(), 0.05)
+            executor.spin_until_future_complete(Future(), 0.05)
     assert set(received) == set(fixed)
     for typename, data in received.items():
         assert fixed[typename].codec.unpack(data)[0] == 1841
-
-
-def context_future():
-    from rclpy.task import Future
-
-    return Future()
 
 
 # ROS manners ----------------------------------------------------------------------------------------------------------
@@ -203,7 +199,8 @@ def test_parameters_are_declared_with_meaning_unit_and_range_and_are_read_only(s
     assert answer(executor, client.get_parameters(["drive.kv"])).values[0].double_value == 25.0
 
 
-def test_the_life_of_a_node(served):
+@pytest.mark.parametrize("end", ["a fault", "deactivated in the middle of a run"])
+def test_the_life_of_a_node_is_one_run(served, end):
     node, asker, executor = served
     state = asker.create_client(GetState, "inverse_kinematics/get_state")
     change = asker.create_client(ChangeState, "inverse_kinematics/change_state")
@@ -219,12 +216,13 @@ def test_the_life_of_a_node(served):
     assert now() == State.PRIMARY_STATE_INACTIVE
     assert do(Transition.TRANSITION_ACTIVATE)
     assert now() == State.PRIMARY_STATE_ACTIVE
-    assert do(Transition.TRANSITION_DEACTIVATE)
-    assert now() == State.PRIMARY_STATE_INACTIVE
-    assert do(Transition.TRANSITION_ACTIVATE)
-    node.fail("something broke")
-    node.leave()
+    if end == "a fault":
+        node.fail("something broke")
+        node.leave()
+    else:
+        do(Transition.TRANSITION_DEACTIVATE)
     assert now() == State.PRIMARY_STATE_FINALIZED
+    assert not node.ended.completed
 
 
 @pytest.mark.parametrize(
@@ -311,7 +309,9 @@ def check_markers(markers, run, cycle):
     lengths = [math.dist(one, other) for one, other in zip(ends[::2], ends[1::2], strict=True)]
     assert lengths == pytest.approx([0.6] * 3, abs=1e-6)
     assert all(marker.header.frame_id == "base_link" for marker in markers.values())
-    assert all(len(marker.points) % 2 == 0 for name, marker in markers.items() if name not in ("sliders", "actual path"))
+    assert all(
+        len(marker.points) % 2 == 0 for name, marker in markers.items() if name not in ("sliders", "actual path")
+    )
     radii = [math.hypot(point.x - 0.003, point.y - 0.002) for point in markers["programmed path"].points]
     assert min(radii) <= 0.003 + 1e-9
 
@@ -319,8 +319,6 @@ def check_markers(markers, run, cycle):
 @settings(derandomize=True, max_examples=20)
 @given(st.lists(st.sampled_from(["u1", "u2", "u3", "x", "y", "z", "u"]), min_size=1, max_size=3, unique=True))
 def test_the_topic_table_is_whole_for_any_axes(axes):
-    from pkm_cnc.topics import topics
-
     table, everyone = topics(axes), set(nodes(axes))
     for topic in table.values():
         assert set(topic.subscribers) <= everyone

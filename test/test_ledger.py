@@ -54,11 +54,20 @@ def test_a_run_is_whole_with_its_last_actual_its_segments_and_its_summaries() ->
     assert not book.whole
     book.ends_with(4, 1)
     assert not book.whole
-    book.take_segment(evaluated=False)
-    book.take_segment(evaluated=True)
+    book.take_segment(0, evaluated=False)
+    book.take_segment(1, evaluated=True)
     assert not book.whole
     book.take_summary()
     assert book.whole
+
+
+def test_a_segment_again_does_not_count_and_a_skipped_one_is_a_fault() -> None:
+    book = ledger()
+    assert book.take_segment(0, evaluated=True)
+    assert not book.take_segment(0, evaluated=True)
+    assert book.ignored == 1
+    with pytest.raises(MachineFault, match=r"^toolpath/segment: segment 2 received, segment 1 expected$"):
+        book.take_segment(2, evaluated=True)
 
 
 def test_without_the_actual_behind_the_last_cycle_it_is_not_whole() -> None:
@@ -67,7 +76,7 @@ def test_without_the_actual_behind_the_last_cycle_it_is_not_whole() -> None:
         for topic in SERVO:
             book.take(topic, cycle)
     book.ends_with(2, 0)
-    book.take_segment(evaluated=False)
+    book.take_segment(0, evaluated=False)
     assert not book.whole
     book.take("b/actual", 3)
     assert book.whole

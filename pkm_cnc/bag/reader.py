@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 import zstandard
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, Schema
+from mcap.records import Channel, Chunk, Footer, Schema
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
@@ -55,21 +55,44 @@ def read_run(folder: Path | str) -> Run:
     files = [path] if path.suffix == ".mcap" else sorted(path.glob("*.mcap")) if path.is_dir() else []
     if not files or not files[0].is_file():
         raise InputError(f"bag {folder}: no .mcap file there")
-    types: dict[int, tuple[str, str]] = {}
-    data: dict[int, list[bytes]] = {}
-    complete = _read(files[0], types, data)
+    try:
+        channels, complete = _read(files[0])
+    except OSError as error:
+        raise InputError(f"bag {folder} cannot be read: {error.strerror}") from None
     servo, slow = {}, {}
-    for number, (topic, typename) in types.items():
-        messages = data.get(number, [])
-        if typename in SERVO_FRAMES:
-            servo[topic] = _table(path, topic, messages, codec(typename, SERVO_FRAMES[typename]).dtype)
-        elif typename in typestore().fielddefs:
-            slow[topic] = [deserialize(content, typename) for content in messages]
+    for channel in channels:
+        if channel.typename in SERVO_FRAMES:
+            dtype = codec(channel.typename, SERVO_FRAMES[channel.typename]).dtype
+            servo[channel.topic] = _table(path, channel, dtype)
+        elif channel.typename in typestore().fielddefs:
+            slow[channel.topic] = [deserialize(data, channel.typename) for data in channel.messages()]
     return Run(path, servo, slow, complete)
 
 
-def _read(path: Path, types: dict[int, tuple[str, str]], data: dict[int, list[bytes]]) -> bool:
+@dataclass
+class _ChannelContent:
+    """The messages of one topic, end to end: a list of small objects would take several times their size."""
+
+    topic: str
+    typename: str
+    content: bytearray = field(default_factory=bytearray)
+    lengths: list[int] = field(default_factory=list)
+
+    def add(self, message: bytes) -> None:
+        self.content += message
+        self.lengths.append(len(message))
+
+    def messages(self) -> Iterator[bytes]:
+        start = 0
+        for length in self.lengths:
+            yield bytes(self.content[start : start + length])
+            start += length
+
+
+def _read(path: Path) -> tuple[list[_ChannelContent], bool]:
     names: dict[int, str] = {}
+    channels: dict[int, _ChannelContent] = {}
+    complete = False
     decompressor = zstandard.ZstdDecompressor()
     with path.open("rb") as file:
         try:
@@ -77,19 +100,21 @@ def _read(path: Path, types: dict[int, tuple[str, str]], data: dict[int, list[by
                 if isinstance(record, Schema):
                     names[record.id] = record.name
                 elif isinstance(record, Channel):
-                    types[record.id] = (record.topic.lstrip("/"), names[record.schema_id])
+                    channels.setdefault(
+                        record.id, _ChannelContent(record.topic.lstrip("/"), names[record.schema_id])
+                    )  # the summary repeats them
                 elif isinstance(record, Chunk):
                     content = decompressor.decompress(record.data, max_output_size=record.uncompressed_size)
                     if zlib.crc32(content) != record.uncompressed_crc:
-                        return False
-                    for channel, message in _messages(content):
-                        data.setdefault(channel, []).append(message)
-                elif isinstance(record, DataEnd):
-                    return True
+                        break
+                    for number, message in _messages(content):
+                        channels[number].add(message)
+                elif isinstance(record, Footer):
+                    complete = True
         except (McapError, struct.error, zstandard.ZstdError, ValueError, KeyError):  # what damage leads to
             if not names:
                 raise InputError(f"bag {path}: not an MCAP file") from None
-    return False
+    return list(channels.values()), complete
 
 
 def _messages(content: bytes) -> Iterator[tuple[int, bytes]]:
@@ -102,14 +127,14 @@ def _messages(content: bytes) -> Iterator[tuple[int, bytes]]:
         position = end
 
 
-def _table(path: Path, topic: str, messages: list[bytes], dtype: np.dtype[Any]) -> NDArray[Any]:
-    joined = b"".join(messages)
-    if len(joined) != len(messages) * dtype.itemsize:
+def _table(path: Path, channel: _ChannelContent, dtype: np.dtype[Any]) -> NDArray[Any]:
+    if not set(channel.lengths) <= {dtype.itemsize}:
         raise InputError(
-            f"bag {path}: /{topic}: messages are not {dtype.itemsize} bytes long: made by another version?"
+            f"bag {path}: /{channel.topic}: messages are not {dtype.itemsize} bytes long: made by another version?"
         )
-    rows = np.frombuffer(joined, dtype)
+    rows: NDArray[Any] = np.frombuffer(bytes(channel.content), dtype)
     gaps = np.flatnonzero(rows["cycle"] != np.arange(len(rows), dtype=np.uint64))
     if len(gaps):
-        raise InputError(f"bag {path}: /{topic}: cycle {gaps[0]} is missing (found {rows['cycle'][gaps[0]]})")
+        found = rows["cycle"][gaps[0]]
+        raise InputError(f"bag {path}: /{channel.topic}: cycle {found} stands where cycle {gaps[0]} must be")
     return rows

@@ -13,10 +13,20 @@ from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.messages import typestore
 from pkm_cnc.topics import Topic
 
-__all__ = ["BagWriter"]
+__all__ = ["BagWriter", "refuse_existing"]
 
 CHUNK_BYTES = 256 * 1024
 """A chunk holds about 0.2 s of a Tripod at 1 kHz: what SIGKILL can lose."""
+
+
+def refuse_existing(folder: Path | str) -> None:
+    """Raise InputError where a bag's folder exists, or cannot because of its name."""
+    try:
+        exists = Path(folder).exists()
+    except OSError as error:
+        raise InputError(f"bag {folder} cannot be created: {error.strerror}") from None
+    if exists:
+        raise InputError(f"bag {folder} exists already: choose another name or remove it")
 
 
 class BagWriter:
@@ -29,8 +39,7 @@ class BagWriter:
     def __init__(self, folder: Path | str, topics: Iterable[Topic]) -> None:
         self.folder = Path(folder)
         self._topics = list(topics)
-        if self.folder.exists():
-            raise InputError(f"bag {self.folder} exists already: choose another name or remove it")
+        refuse_existing(folder)
         self._file_name = f"{self.folder.name}_0.mcap"
         try:
             self.folder.mkdir(parents=True)

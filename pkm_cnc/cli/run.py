@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 from typing import Any
 
+from pkm_cnc.bag import refuse_existing
 from pkm_cnc.bringup import prepare_environment, run_in_one_process, run_in_processes
 from pkm_cnc.check import prepare
 from pkm_cnc.cli.arguments import add_machine, setup_of
@@ -41,8 +41,7 @@ def add_parser(subparsers: Any) -> None:
 def _run(arguments: argparse.Namespace) -> None:
     setup = setup_of(arguments)
     prepare(setup, read_program(arguments.program))
-    if Path(arguments.bag).exists():
-        raise InputError(f"bag {arguments.bag} exists already: choose another name or remove it")
+    refuse_existing(arguments.bag)
     prepare_environment()
     run_graph = run_in_one_process if arguments.processes == "one" else run_in_processes
     started = time.monotonic()

@@ -10,6 +10,7 @@ from pkm_cnc.errors import MachineFault
 from pkm_cnc.messages import deserialize
 from pkm_cnc.nodes.graph_node import GraphNode
 from pkm_cnc.nodes.runner import run_node
+from pkm_cnc.nodes.watchdog import Report
 from pkm_cnc.records import PHASE_END, PHASE_MOVE, AxisState, TcpSetpoint, Vector
 from pkm_cnc.topics import CONTOUR_MONITOR
 from pkm_cnc.visuals import Visuals
@@ -48,6 +49,12 @@ class ContourMonitorNode(GraphNode):
     def may_step(self) -> bool:
         """The segment of the next setpoint must be known."""
         return TcpSetpoint(*self.join.peek(0)).segment < self._segments
+
+    def waits_for(self) -> Report | None:
+        """A setpoint may wait for its segment as well as for the actuals."""
+        if self.join.complete:
+            return Report(self.full_name, self.topics[SEGMENT].publisher, SEGMENT, self.join.cycle)
+        return super().waits_for()
 
     def step(self, cycle: int, inputs: list[tuple[Any, ...]]) -> None:
         """Judge one cycle."""

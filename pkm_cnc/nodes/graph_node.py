@@ -49,6 +49,8 @@ class GraphNode(LifecycleNode):
 
     handled: tuple[str, ...] = ()
     """Topics that the node takes message by message instead of joined by cycle."""
+    joins = True
+    """Whether its other inputs are joined by cycle; if not, it does not subscribe to them."""
 
     def __init__(
         self,
@@ -70,7 +72,7 @@ class GraphNode(LifecycleNode):
         self.tap = tap
         self.full_name = name
         self.ended: End | None = None
-        self._active = self._matched = False
+        self._configured = self._active = self._matched = False
         self._last_step = time.monotonic()
 
     # What a subclass gives ------------------------------------------------------------------------------------------
@@ -122,11 +124,15 @@ class GraphNode(LifecycleNode):
         except PkmError as error:
             self.ended = End(0, self.full_name, str(error), error.exit_code)
             return TransitionCallbackReturn.FAILURE
+        except Exception as error:  # rclpy would turn it into an error state without a word
+            self.ended = End(0, self.full_name, f"internal error: {error!r}")
+            raise
         self._make_publishers()
         self._make_subscriptions()
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._matching = self.create_timer(MATCHING_PERIOD, self._look_for_all, clock=clock)
         self.create_timer(self._watchdog.period, self._watch, clock=clock)
+        self._configured = True
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -138,7 +144,8 @@ class GraphNode(LifecycleNode):
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop stepping; after a fault through the error state. The others wait as long as their watchdog lets them."""
+        """Leave the run: in the middle of it that is a fault, and a fault goes through the error state."""
+        self.fail("deactivated by a life cycle command")
         self._active = False
         super().on_deactivate(state)
         faulted = self.ended is not None and not self.ended.completed
@@ -146,9 +153,12 @@ class GraphNode(LifecycleNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """A node that is shut down ends the run of all."""
-        if self._active:
-            self.fail("shut down by a life cycle command")
+        self.fail("shut down by a life cycle command")
         return super().on_shutdown(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Refused: a node lives for one run."""
+        return TransitionCallbackReturn.FAILURE
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """A fault is final: the node does not come back to life."""
@@ -183,7 +193,7 @@ class GraphNode(LifecycleNode):
         joined = [
             topic
             for topic in self.topics.values()
-            if topic.record and self.full_name in topic.subscribers and topic.name not in self.handled
+            if self.joins and topic.record and self.full_name in topic.subscribers and topic.name not in self.handled
         ]
         self.join = CycleJoin(joined)
         for slot, topic in enumerate(joined):
@@ -242,8 +252,7 @@ class GraphNode(LifecycleNode):
             self._guard(self.start)
             self._guard(self._step_all)
         elif time.monotonic() > self._appear_by:
-            # Not told on run_end: another machine that stands in the way must not be stopped by this.
-            self._end(End(0, self.full_name, f"{obstacle} (waited {STARTUP_TIMEOUT:g} s)"))
+            self.fail(f"{obstacle} (waited {STARTUP_TIMEOUT:g} s)")
 
     def _obstacle(self, name: str) -> str:
         """Why a topic cannot be used yet; empty when everyone who must hear it does. A killed node counts for 20 s."""
@@ -270,14 +279,21 @@ class GraphNode(LifecycleNode):
             cycle, values = unpack(data)
             if self.join.offer(slot, cycle, values):
                 self._step_all()
-        except (PkmError, ValueError) as error:
+        except PkmError as error:
             self.fail(str(error))
+        except ValueError as error:
+            self.fail(f"{self.join.inputs[slot].name}: {error}")
 
     def _step_all(self) -> None:
-        while self._active and self._matched and self.join.complete and self.ended is None and self.may_step():
+        while self.running and self.join.complete and self.may_step():
             cycle = self.join.cycle
             self.step(cycle, self.join.take())
             self._last_step = time.monotonic()
+
+    @property
+    def running(self) -> bool:
+        """Whether the node takes part in a run that has begun and not ended."""
+        return self._active and self._matched and self.ended is None
 
     def _receive_handled(self, name: str, data: bytes) -> None:
         if self.ended is None:
@@ -306,6 +322,8 @@ class GraphNode(LifecycleNode):
             return
         content = message(self.topics[WAITING].typename, header=(0, ""), **report._asdict())
         self._senders[WAITING].publish(serialize(content))
+        if self.current_cycle() <= self.setup.graph.window:  # only later cycles show that everyone has begun
+            waited -= STARTUP_TIMEOUT
         verdict = self._watchdog.verdict(waited, time.monotonic())
         if verdict:
             self.fail(verdict)
@@ -317,15 +335,23 @@ class GraphNode(LifecycleNode):
     # End ------------------------------------------------------------------------------------------------------------
 
     def fail(self, reason: str) -> None:
-        """Stop the machine for a reason."""
-        self.finish(End(self.current_cycle(), self.full_name, reason))
+        """Stop the machine for a reason.
+
+        Before everyone is there it stops this node alone: what it hears may be another machine's, which must not be
+        stopped by it.
+        """
+        if not self._configured:
+            self.ended = self.ended or End(0, self.full_name, reason)
+        elif not self._matched and self.ended is None:
+            self._end(End(0, self.full_name, reason))
+        else:
+            self.finish(End(self.current_cycle(), self.full_name, reason))
 
     def finish(self, end: End) -> None:
         """Tell everyone, on run_end and on /diagnostics, that the run is over."""
-        if self.ended is not None:
-            return
-        self._senders[RUN_END].publish(run_end(end, end.cycle * self.setup.servo_period_ns))
-        self._end(end)
+        if self.ended is None:
+            self._end(end)  # first, because the end may fail: a bag that cannot be closed
+            self._senders[RUN_END].publish(run_end(self.ended, end.cycle * self.setup.servo_period_ns))
 
     def _receive_end(self, data: bytes) -> None:
         if self.ended is None:

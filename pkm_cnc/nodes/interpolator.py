@@ -9,7 +9,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from pkm_cnc import run_messages
 from pkm_cnc.check import prepare
-from pkm_cnc.errors import InputError
+from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.messages import message, serialize, stamp
 from pkm_cnc.motion import Interpolator
 from pkm_cnc.nodes.graph_node import GraphNode
@@ -60,6 +60,11 @@ class InterpolatorNode(GraphNode):
     def take_message(self, topic: str, data: bytes) -> None:
         """A consumer tells its progress."""
         cycle, (in_position,) = self.topics[topic].codec.unpack(data)
+        if cycle >= self._cycle:
+            raise MachineFault(f"{topic}: cycle {cycle} reported, but {self._cycle} is the next to be sent")
+        if cycle <= self._progress[topic]:
+            self.join.ignored += 1
+            return
         self._progress[topic] = cycle
         if topic == MONITOR_PROGRESS:
             self._in_position = in_position
@@ -68,7 +73,7 @@ class InterpolatorNode(GraphNode):
 
     def _release(self) -> None:
         """Publish every setpoint that the window, the machine's rest and the pacing allow."""
-        while not self._interpolator.finished and self.ended is None and self._may_release():
+        while self.running and not self._interpolator.finished and self._may_release():
             setpoint = self._interpolator.step(self._in_position)
             stamp_ns = self._cycle * self.setup.servo_period_ns
             while self._announced <= setpoint.segment:

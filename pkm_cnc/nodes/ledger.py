@@ -19,7 +19,7 @@ class Ledger:
         self.complete = -1
         """The last cycle of which every servo-rate topic is there."""
         self.ignored = 0
-        """Number of servo-rate messages whose cycle was there before."""
+        """Number of messages that were there before."""
         self._next = dict.fromkeys(servo_topics, 0)
         self._ahead = tuple(ahead)
         self._arrived: dict[int, int] = {}
@@ -46,10 +46,16 @@ class Ledger:
             self._arrived[cycle] = arrived
         return True
 
-    def take_segment(self, evaluated: bool) -> None:
-        """Note a toolpath segment."""
+    def take_segment(self, index: int, evaluated: bool) -> bool:
+        """Note a toolpath segment; return whether it is new. Raises MachineFault where one was skipped."""
+        if index < self._segments:
+            self.ignored += 1
+            return False
+        if index > self._segments:
+            raise MachineFault(f"toolpath/segment: segment {index} received, segment {self._segments} expected")
         self._segments += 1
         self._evaluated += evaluated
+        return True
 
     def take_summary(self) -> None:
         """Note a segment's summary."""

@@ -27,6 +27,8 @@ _MARKERS_STAMP, _HEADER_STAMP = 8, 4
 class RecorderNode(GraphNode):
     """Writes the bag. With `tapped`, the topics of the same process come through `tap_in` instead of subscriptions."""
 
+    joins = False
+
     def __init__(self, name: str = RECORDER, *, tapped: bool = False, **arguments: Any) -> None:
         super().__init__(name, **arguments)
         self._tapped = tapped
@@ -44,6 +46,11 @@ class RecorderNode(GraphNode):
         if not self._tapped:
             self.handled = tuple(topic.name for topic in recorded if topic.name != RUN_END)
         self._bag = BagWriter(Path(self.run["bag"]), recorded)
+
+    def start(self) -> None:
+        """Tell what was complete before the interpolator could hear it."""
+        if self.cycles:
+            self.publish("recorder/progress", self.cycles - 1, (True,))
 
     def take_message(self, topic: str, data: bytes) -> None:
         """Take one message from a subscription."""
@@ -69,14 +76,16 @@ class RecorderNode(GraphNode):
                 if setpoint.phase == PHASE_END:
                     ledger.ends_with(cycle, setpoint.segment)
         elif topic == "toolpath/segment":
-            ledger.take_segment(bool(deserialize(data, self.topics[topic].typename).evaluated))
+            segment = deserialize(data, self.topics[topic].typename)
+            if not ledger.take_segment(segment.index, bool(segment.evaluated)):
+                return
         elif topic == "contour_monitor/segment_summary":
             ledger.take_summary()
         self._bag.write(topic, time, data)
         if ledger.complete >= self.cycles:
             self.cycles = ledger.complete + 1
             self.alive()
-            if self.cycles % self._stride == 0:
+            if self.cycles % self._stride == 0 and self.running:
                 self.publish("recorder/progress", ledger.complete, (True,))
         if ledger.whole:
             self.finish(End(ledger.complete, self.full_name, ""))

@@ -23,7 +23,8 @@ class Report(NamedTuple):
 class Watchdog:
     """Collects the reports of one run; `limit` s is how long a node waits before it gives up.
 
-    A node reports from half of that on, and looks every `period` s, so that all who wait have said so before one judges.
+    A node looks every `period` s and reports from half the limit on, so that all who wait have said so before one
+    judges.
     """
 
     def __init__(self, limit: float) -> None:
@@ -46,7 +47,12 @@ class Watchdog:
         """
         reports = {node: report for node, (time, report) in self._reports.items() if time > now - waited}
         silent = [report for report in reports.values() if report.waiting_for not in reports]
-        if waited < self._limit or not silent:
+        if waited < self._limit or not reports:
             return ""
+        if not silent:  # a message was lost: nobody is missing, and yet nothing will ever move
+            if waited < 2 * self._limit:
+                return ""
+            first = min(reports.values(), key=lambda report: (report.cycle, report.node))
+            return f"all nodes wait: {first.node} for cycle {first.cycle} on {first.topic} from {first.waiting_for}"
         first = min(silent, key=lambda report: (report.cycle, report.waiting_for, report.topic))
         return f"{first.waiting_for} has not answered cycle {first.cycle} on {first.topic} for {self._limit:g} s"

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
+from numpy.typing import NDArray
 
 from pkm_cnc.contour import CirclePath, extrema
 from pkm_cnc.evaluation import Evaluation
-from pkm_cnc.report.drawing import FIRST, PROGRAMMED, SECOND, new_figure, note, plan_view, round_scale
+from pkm_cnc.report.drawing import FIRST, PROGRAMMED, SECOND, legend_below, new_figure, note, plan_view, round_scale
 from pkm_cnc.tolerances import ARC_RADII
 
 __all__ = ["circle_figure", "circle_tests"]
+
+Array = NDArray[np.floating[Any]]
 
 ROOM = 0.6
 """Of the radius: how far the largest radial deviation is drawn from the programmed circle at most."""
@@ -56,12 +60,12 @@ def circle_figure(evaluation: Evaluation, paths: Sequence[CirclePath]) -> Figure
     return figure
 
 
-def _kind(path: CirclePath) -> dict[str, object]:
+def _kind(path: CirclePath) -> dict[str, Any]:
     """Line style, and the direction for the legend."""
     return {**FIRST, "label": "counter-clockwise"} if path.arc.sweep > 0.0 else {**SECOND, "label": "clockwise"}
 
 
-def _mark(path: CirclePath) -> dict[str, object]:
+def _mark(path: CirclePath) -> dict[str, Any]:
     counter_clockwise = path.arc.sweep > 0.0
     style = FIRST if counter_clockwise else SECOND
     face = style["color"] if counter_clockwise else "white"
@@ -73,18 +77,16 @@ def _draw_plan(axes: Axes, paths: Sequence[CirclePath]) -> None:
     arc = paths[0].arc
     largest = max(float(np.abs(path.deviation).max()) for path in paths)
     scale = round_scale(largest, ROOM * arc.radius)
-    plan_view(axes, f"Actual path, its distance to the programmed circle magnified {scale:.0f}:1")
+    plan_view(axes, f"Actual path, its distance to the programmed circle magnified {scale:.10g}:1")
     axes.grid(False)
 
-    def draw(angle: object, deviation: object, **kind: object) -> None:
-        radius = 1e3 * (arc.radius - scale * np.asarray(deviation))
-        axes.plot(
-            1e3 * arc.center[0] + radius * np.cos(angle), 1e3 * arc.center[1] + radius * np.sin(angle), **kind
-        )
+    def draw(angle: Array, deviation: Array, **kind: Any) -> None:
+        radius = 1e3 * (arc.radius - scale * deviation)
+        axes.plot(1e3 * arc.center[0] + radius * np.cos(angle), 1e3 * arc.center[1] + radius * np.sin(angle), **kind)
 
     draw(FULL_TURN, 0.0 * FULL_TURN, **PROGRAMMED, label="programmed")
     lowest, highest = (1e6 * bound for bound in _bounds(paths))
-    for deviation in MaxNLocator(5).tick_values(min(lowest, 0.0), max(highest, 0.0)):
+    for deviation in MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(min(lowest, 0.0), max(highest, 0.0)):
         if deviation and scale * 1e-6 * deviation < 0.9 * arc.radius:
             draw(FULL_TURN, 0.0 * FULL_TURN + 1e-6 * deviation, color="0.75", linewidth=0.6, linestyle=":")
             radius = 1e3 * (arc.radius - scale * 1e-6 * deviation) / math.sqrt(2.0)
@@ -92,18 +94,18 @@ def _draw_plan(axes: Axes, paths: Sequence[CirclePath]) -> None:
     for path in paths:
         draw(path.angle, path.deviation, **_kind(path))
         tops = np.array(extrema(path))
-        draw(tops, _deviation(path, tops), **_mark(path), label="maxima of dR")
-    handles, labels = axes.get_legend_handles_labels()
-    axes.legend(handles, labels, loc="lower center", bbox_to_anchor=(0.5, -0.19), ncols=3)
+        draw(tops, _deviation(path, tops), **_mark(path))
+    legend_below(axes, 3)
 
 
 def _bounds(paths: Sequence[CirclePath]) -> tuple[float, float]:
     return min(float(path.deviation.min()) for path in paths), max(float(path.deviation.max()) for path in paths)
 
 
-def _deviation(path: CirclePath, angle: object) -> object:
+def _deviation(path: CirclePath, angle: Array) -> Array:
     steps = len(path.by_angle)
-    return np.interp(angle, np.arange(steps) * (math.tau / steps), path.by_angle, period=math.tau)
+    grid = np.arange(steps) * (math.tau / steps)
+    return np.asarray(np.interp(angle, grid, path.by_angle, period=math.tau), dtype=np.float64)
 
 
 def _draw_over_angle(axes: Axes, paths: Sequence[CirclePath]) -> None:
@@ -116,9 +118,11 @@ def _draw_over_angle(axes: Axes, paths: Sequence[CirclePath]) -> None:
         tops = np.array(extrema(path))
         numbers = ", ".join(f"{angle:.2f}" for angle in sorted(np.degrees(tops)))
         axes.plot(
-            np.degrees(tops), 1e6 * _deviation(path, tops), **_mark(path), label=f"maxima at {numbers or 'no angle'} deg"
+            np.degrees(tops),
+            1e6 * _deviation(path, tops),
+            **_mark(path),
+            label=f"maxima at {numbers or 'no angle'} deg",
         )
     axes.set_xlim(0.0, 360.0)
     axes.xaxis.set_major_locator(MultipleLocator(45.0))
-    axes.margins(y=0.2)
-    axes.legend(loc="upper center", ncols=2)
+    legend_below(axes, 2)

@@ -6,18 +6,36 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib.style
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from pkm_cnc.errors import InputError
+from pkm_cnc.evaluation import Evaluation
+from pkm_cnc.program import Line
 
-__all__ = ["FIRST", "PROGRAMMED", "SECOND", "new_figure", "note", "plan_view", "round_scale", "save", "style"]
+__all__ = [
+    "FIRST",
+    "PROGRAMMED",
+    "SECOND",
+    "degrees",
+    "judged_cycles",
+    "legend_below",
+    "new_figure",
+    "note",
+    "plan_view",
+    "round_scale",
+    "save",
+    "style",
+]
 
-PROGRAMMED = {"color": "0.35", "linewidth": 0.8, "linestyle": "-"}
-FIRST = {"color": "#0b4f8a", "linewidth": 1.4, "linestyle": "-"}
-SECOND = {"color": "#d9730d", "linewidth": 1.4, "linestyle": (0, (4, 1.5))}
+PROGRAMMED: dict[str, Any] = {"color": "0.35", "linewidth": 0.8, "linestyle": "-"}
+FIRST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 1.4, "linestyle": "-"}
+SECOND: dict[str, Any] = {"color": "#d9730d", "linewidth": 1.4, "linestyle": (0, (4, 1.5))}
 """The programmed contour; the first and the second of two kinds: told apart by tone and dashes, not by colour alone."""
 
 LARGEST_SCALE = 1e6
@@ -63,9 +81,19 @@ def plan_view(axes: Axes, title: str) -> None:
 
 
 def note(axes: Axes, x: float, y: float, text: str) -> None:
-    """Write a small text at the point (x, y), in data units, legible above lines."""
-    box = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
-    axes.text(x, y, text, ha="center", va="center", fontsize=7.5, bbox=box, zorder=5)
+    """Write a small text at the point (x, y), in data units, over the grid and under the curves."""
+    box = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none"}
+    axes.text(x, y, text, ha="center", va="center", fontsize=7.5, bbox=box, zorder=1.5)
+
+
+def legend_below(axes: Axes, columns: int) -> None:
+    """A legend that covers nothing: below the axis label."""
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=columns)
+
+
+def degrees(heading: float | None) -> str:
+    """A heading as a text, with the sign that axis labels have."""
+    return f"{heading:g}°".replace("-", "\N{MINUS SIGN}")
 
 
 def round_scale(largest: float, room: float) -> float:
@@ -76,9 +104,21 @@ def round_scale(largest: float, room: float) -> float:
     return max(factor * decade for factor in (1.0, 2.0, 5.0) if factor * decade <= room / largest * (1.0 + 1e-9))
 
 
+def judged_cycles(evaluation: Evaluation) -> NDArray[np.bool_]:
+    """Which cycles count in the summaries, shape (n,): those on the middle half of a judged line, on a judged arc."""
+    starts = np.array(evaluation.starts)
+    lengths = np.array([element.length for element in evaluation.elements])
+    margins = np.array([0.25 if isinstance(element, Line) else 0.0 for element in evaluation.elements]) * lengths
+    segment = np.array([error.segment for error in evaluation.errors])
+    path_length = np.array([error.path_length for error in evaluation.errors])
+    low, high = starts + margins, starts + lengths - margins
+    inside = (low[segment] <= path_length) & (path_length <= high[segment])
+    return np.asarray(inside & np.isin(segment, list(evaluation.summaries)), dtype=np.bool_)
+
+
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write `figure` to `folder` as SVG and PNG, without dates and versions. Raises InputError where it cannot."""
-    metadata = {"svg": {"Date": None, "Creator": None}, "png": {"Software": None}}
+    metadata: dict[str, dict[str, Any]] = {"svg": {"Date": None, "Creator": None}, "png": {"Software": None}}
     paths = [folder / f"{name}.{kind}" for kind in metadata]
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,13 +15,30 @@ from pkm_cnc.contour import SegmentSummary, heading_deg
 from pkm_cnc.evaluation import Evaluation
 from pkm_cnc.program import Line
 from pkm_cnc.records import Vector
-from pkm_cnc.report.drawing import FIRST, PROGRAMMED, SECOND, new_figure, note, plan_view, round_scale
+from pkm_cnc.report.drawing import (
+    FIRST,
+    PROGRAMMED,
+    SECOND,
+    degrees,
+    judged_cycles,
+    legend_below,
+    new_figure,
+    note,
+    plan_view,
+    round_scale,
+)
 from pkm_cnc.tolerances import ARC_RADII
 
 __all__ = ["Star", "star_figure", "stars"]
 
-ROOM = 0.16
+Array = NDArray[np.float64]
+
+ROOM = 0.1
 """Of the longest line's length: how far the largest judged contour error is drawn from it at most."""
+POINTS = 200
+"""Of a magnified path: more cannot be told apart."""
+ON_THE_LINE = 0.005
+"""Of the largest contour error: what is smaller lies within the width of the programmed line and is on no side."""
 
 
 class Star(NamedTuple):
@@ -61,26 +77,34 @@ def star_figure(evaluation: Evaluation, star: Star) -> Figure:
     upper, lower = figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
     _draw_over_heading(upper, star, "left", "In-plane contour error (+ = tool left of travel)", "left (um)")
     _draw_over_heading(lower, star, "up", "z contour error (+ = tool above)", "z (um)")
+    upper.axhline(0.0, **PROGRAMMED, zorder=1.8)
     lower.set_xlabel("heading (deg, counter-clockwise from +x)")
-    upper.legend(loc="best")
+    lower.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return figure
 
 
 def _draw_plan(axes: Axes, evaluation: Evaluation, star: Star) -> None:
     length = max(line.length for _, line, _ in star.lines)
-    scale = round_scale(max(summary.left_max_abs for _, _, summary in star.lines), ROOM * length)
-    plan_view(axes, f"Programmed lines and actual path, its distance to them magnified {scale:.0f}:1")
+    largest = max(summary.left_max_abs for _, _, summary in star.lines)
+    scale = round_scale(largest, ROOM * length)
+    plan_view(axes, f"Programmed lines and actual path, its distance to them magnified {scale:.10g}:1")
+    judged = judged_cycles(evaluation)
+    segment = np.array([error.segment for error in evaluation.errors])
     for index, line, _ in star.lines:
         _draw_line(axes, line, 1e3 * length)
-        for points, kind in _sides(evaluation, index, line, scale):
-            axes.plot(*points, **kind)
+        rows = [evaluation.errors[row] for row in np.flatnonzero(judged & (segment == index))]
+        rows = rows[:: max(1, len(rows) // POINTS)]
+        along = np.array([error.path_length for error in rows]) - evaluation.starts[index]
+        left = np.array([error.left for error in rows])
+        _draw_side(axes, line, along, np.where(left > ON_THE_LINE * largest, left, np.nan), scale, FIRST)
+        _draw_side(axes, line, along, np.where(left < -ON_THE_LINE * largest, left, np.nan), scale, SECOND)
     for label, kind in (
         ("programmed, arrow = heading", PROGRAMMED),
         ("actual, left of travel", FIRST),
         ("actual, right of travel", SECOND),
     ):
         axes.plot([], [], label=label, **kind)
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.16), ncols=3)
+    legend_below(axes, 3)
     axes.margins(0.04)
 
 
@@ -90,23 +114,20 @@ def _draw_line(axes: Axes, line: Line, length: float) -> None:
     axes.annotate("", (x1, y1), (x0, y0), arrowprops={**arrow, "color": "0.35", "linewidth": 0.8})
     tx, ty, _ = line.tangent(0.0)
     axes.update_datalim([(x0, y0), (x1 + 0.07 * length * tx, y1 + 0.07 * length * ty)])
-    note(axes, x1 + 0.05 * length * tx, y1 + 0.05 * length * ty, f"{heading_deg(line):g}°")
+    note(axes, x1 + 0.05 * length * tx, y1 + 0.05 * length * ty, degrees(heading_deg(line)))
 
 
-def _sides(
-    evaluation: Evaluation, index: int, line: Line, scale: float
-) -> Iterator[tuple[NDArray[np.float64], dict[str, object]]]:
-    """The magnified path over the judged middle half, mm, shape (2, n): its parts left of travel, then right of it."""
-    errors = np.array([(error.path_length, error.left) for error in evaluation.errors if error.segment == index])
-    along, left = errors.T
-    along = along - evaluation.starts[index]
-    judged = np.abs(along - 0.5 * line.length) <= 0.25 * line.length
+def _draw_side(axes: Axes, line: Line, along: Array, left: Array, scale: float, kind: dict[str, Any]) -> None:
+    """The judged path on one side of the line: `left` magnified, m, NaN where it is not on this side."""
     tx, ty, _ = line.tangent(0.0)
-    horizontal = math.hypot(tx, ty)
-    offset = scale * left / horizontal
-    points = 1e3 * np.stack([line.start[0] + along * tx - offset * ty, line.start[1] + along * ty + offset * tx])
-    yield np.where(judged & (left > 0.0), points, np.nan), FIRST
-    yield np.where(judged & (left <= 0.0), points, np.nan), SECOND
+    offset = scale * left / math.hypot(tx, ty)
+    x, y = 1e3 * (line.start[0] + along * tx), 1e3 * (line.start[1] + along * ty)
+    actual_x, actual_y = x - 1e3 * offset * ty, y + 1e3 * offset * tx
+    axes.plot(actual_x, actual_y, zorder=2.5 if kind is SECOND else 2.0, **kind)
+    there = np.flatnonzero(np.isfinite(left))
+    if len(there):
+        outline = np.concatenate([np.stack([x, y], axis=1)[there], np.stack([actual_x, actual_y], axis=1)[there[::-1]]])
+        axes.fill(*outline.T, color=kind["color"], alpha=0.12, linewidth=0.0)
 
 
 def _draw_over_heading(axes: Axes, star: Star, part: str, title: str, label: str) -> None:
@@ -124,8 +145,7 @@ def _draw_over_heading(axes: Axes, star: Star, part: str, title: str, label: str
         linestyle="none",
         marker="x",
         color=SECOND["color"],
-        label="largest size, drawn on the side of the mean",
+        label="largest size, on the side of the mean",
     )
-    axes.axhline(0.0, color="0.35", linewidth=0.8, zorder=1) if part == "left" else None
     span = max(float(np.ptp(heading)), 1.0)
     axes.xaxis.set_major_locator(MultipleLocator(next(step for step in (5, 15, 30, 45, 90) if 12.5 * step >= span)))

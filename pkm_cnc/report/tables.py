@@ -8,44 +8,54 @@ from pkm_cnc.evaluation import Evaluation
 
 __all__ = ["table"]
 
-LINES = [
-    ("line", "line", "{:d}"),
-    ("heading_deg", "heading_deg", "{:.1f}"),
-    ("feed_mm_min", "feed_mm_min", "{:.0f}"),
-    ("length_mm", "length_mm", "{:.1f}"),
+CONTOUR_ERROR = [
     ("left_mean_um", "contour_error_um.mean", "{:+.3f}"),
     ("left_std_um", "contour_error_um.std", "{:.3f}"),
     ("left_max_um", "contour_error_um.max_abs", "{:.3f}"),
     ("z_mean_um", "contour_error_z_um.mean", "{:+.3f}"),
+    ("z_max_um", "contour_error_z_um.max_abs", "{:.3f}"),
     ("3d_max_um", "contour_error_3d_um.max", "{:.3f}"),
     ("lag_mm", "tracking_error_mm.mean", "{:.4f}"),
     ("below_feed", "below_feed", "{:d}"),
 ]
+LINES = [
+    ("line", "line", "{:d}"),
+    ("heading_deg", "heading_deg", "{:.1f}"),
+    ("feed_mm_min", "feed_mm_min", "{:.0f}"),
+    *CONTOUR_ERROR,
+]
 ARCS = [
     ("line", "line", "{:d}"),
     ("direction", "direction", "{}"),
-    ("feed_mm_min", "feed_mm_min", "{:.0f}"),
     ("radius_mm", "radius_mm", "{:.3f}"),
-    *LINES[3:],
+    ("feed_mm_min", "feed_mm_min", "{:.0f}"),
+    *CONTOUR_ERROR,
 ]
 CIRCLES = [
     ("direction", "direction", "{}"),
-    ("feed_mm_min", "feed_mm_min", "{:.0f}"),
     ("radius_mm", "radius_mm", "{:.3f}"),
-    ("dR_mean_um", "radial_deviation_um.mean", "{:.3f}"),
-    ("dR_min_um", "radial_deviation_um.min", "{:.3f}"),
-    ("dR_max_um", "radial_deviation_um.max", "{:.3f}"),
+    ("feed_mm_min", "feed_mm_min", "{:.0f}"),
+    ("dR_mean_um", "radial_deviation_um.mean", "{:+.3f}"),
+    ("dR_min_um", "radial_deviation_um.min", "{:+.3f}"),
+    ("dR_max_um", "radial_deviation_um.max", "{:+.3f}"),
     ("circularity_um", "circularity_um", "{:.3f}"),
     ("G_um", "iso230_4.G_um", "{:.3f}"),
-    ("maxima_of_dR_deg", "extrema_deg", "{}"),
+    ("maxima_of_dR_deg", "extrema_deg", "{:.2f}"),
 ]
 PAIRS = [("Gb_um", "iso230_4.Gb_um", "{:.3f}"), ("D_um", "iso230_4.D_um", "{:+.3f}")]
 GROUPS = [
-    ("line", "Lines (left: + = tool left of travel; over the middle half)", LINES),
-    ("arc", "Arcs (left: + = tool left of travel)", ARCS),
-    ("circle", "Circles (dR: + = came out too small)", CIRCLES),
+    ("line", "Lines, each over its middle half", LINES),
+    ("arc", "Arcs", ARCS),
+    ("circle", "Circles, by actual angle about the programmed centre", CIRCLES),
     ("circle_pair", "Pairs of circles, ISO 230-4", PAIRS),
 ]
+CONTOUR_ERROR_LEGEND = (
+    "left: + = tool left of travel, seen from +z; z: + = tool above; max: largest size\n"
+    "lag: mean tracking error of the TCP; below_feed: cycles in which the setpoint was slower than programmed"
+)
+CIRCLE_LEGEND = (
+    "dR: programmed - actual radius, + = the circle came out too small; D: + = too large, as ISO 230-4 has it"
+)
 
 
 def table(evaluation: Evaluation) -> str:
@@ -57,6 +67,11 @@ def table(evaluation: Evaluation) -> str:
         rows = [entry for entry in entries if entry["kind"] == kind]
         if rows:
             parts.append(f"{title}\n{_aligned(columns, rows)}")
+    kinds = {entry["kind"] for entry in entries}
+    if kinds & {"line", "arc"}:
+        parts.append(CONTOUR_ERROR_LEGEND)
+    if kinds & {"circle"}:
+        parts.append(CIRCLE_LEGEND)
     if not entries:
         parts.append("no evaluated segment was run")
     return "\n\n".join(parts)
@@ -77,5 +92,5 @@ def _cell(row: dict[str, Any], path: str, form: str) -> str:
     if value is None:
         return "-"
     if isinstance(value, list):
-        return " ".join(f"{number:.2f}" for number in value)
+        return " ".join(form.format(number) for number in value) or "none"
     return form.format(value)

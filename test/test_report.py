@@ -1,0 +1,255 @@
+"""Tables and pictures: from runs of the simulation, looked at from outside (files, texts in them, pixels)."""
+
+import math
+import re
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
+import matplotlib
+import matplotlib.image
+import numpy as np
+import pytest
+
+from pkm_cnc.check import prepare
+from pkm_cnc.config import load_setup
+from pkm_cnc.contour import ContourMonitor, circle_program, star_program
+from pkm_cnc.errors import InputError
+from pkm_cnc.evaluation import Evaluation
+from pkm_cnc.program import Program
+from pkm_cnc.report import draw, table
+from pkm_cnc.report.drawing import judged_cycles, round_scale
+from pkm_cnc.simulation import simulated_cycles
+
+SETUP = load_setup("tripod", ["drive.kind=first_order"])
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def evaluated(text, cycles=None):
+    """The evaluation of a simulated program, of its first `cycles` alone if that is given."""
+    program = Program(name="test.ngc", text=text)
+    toolpath = prepare(SETUP, program)
+    monitor, errors, true = ContourMonitor(), [], []
+    for cycle in simulated_cycles(SETUP, toolpath):
+        if cycle.cycle == cycles:
+            break
+        for index in cycle.entered:
+            monitor.add_segment(index, toolpath.elements[index], toolpath.starts[index])
+        point = (cycle.tcp.x, cycle.tcp.y, cycle.tcp.z)
+        errors.append(monitor.step(cycle.setpoint, point, point)[1])
+        true.append(point)
+    return Evaluation(
+        machine="tripod",
+        servo_period=SETUP.servo_period,
+        program_name=program.name,
+        end=None,
+        elements=list(toolpath.elements),
+        starts=list(toolpath.starts),
+        summaries={summary.segment: summary for summary in monitor.finish()},
+        errors=errors,
+        true=np.array(true),
+    )
+
+
+@pytest.fixture(scope="module")
+def star():
+    return evaluated(star_program(6000, [0, 45, 90, 180], (0, 0), 60))
+
+
+@pytest.fixture(scope="module")
+def circle():
+    return evaluated(circle_text(15, "both"))
+
+
+def circle_text(radius, direction):
+    return circle_program(
+        feed_mm_min=3000,
+        radius_mm=radius,
+        center_mm=(0, 0),
+        direction=direction,
+        overshoot_deg=40,
+        acceleration_mm_s2=2000,
+    )
+
+
+@pytest.fixture(scope="module")
+def star_pictures(star, tmp_path_factory):
+    return draw(star, tmp_path_factory.mktemp("star") / "new" / "folder")
+
+
+@pytest.fixture(scope="module")
+def circle_pictures(circle, tmp_path_factory):
+    return draw(circle, tmp_path_factory.mktemp("circle"))
+
+
+def names(paths):
+    return [path.name for path in paths]
+
+
+def texts(path):
+    """All text in an SVG file."""
+    root = ElementTree.parse(path).getroot()
+    assert root.tag == f"{SVG}svg"
+    return "\n".join("".join(element.itertext()) for element in root.iter(f"{SVG}text"))
+
+
+def check_files(paths):
+    for path in paths:
+        if path.suffix == ".png":
+            pixels = matplotlib.image.imread(path)
+            assert min(pixels.shape[:2]) > 400
+            assert pixels.std() > 0.01  # something is drawn
+        else:
+            assert "1e+" not in texts(path)
+
+
+def test_star(star, star_pictures):
+    paths = star_pictures
+    assert names(paths) == ["star.svg", "star.png", "contour_error.svg", "contour_error.png"]
+    check_files(paths)
+    text = texts(paths[0])
+    for label in ("x (mm)", "y (mm)", "left (um)", "z (um)", "heading (deg", "6000 mm/min", "45°", "90°", "180°"):
+        assert label in text
+    # The largest error may be drawn over a tenth of the line's length.
+    largest = max(entry["contour_error_um"]["max_abs"] for entry in star.segments())
+    scale = float(re.search(r"magnified ([\d.]+):1", text).group(1))
+    assert 60e3 * 0.1 / 2.5 <= scale * largest <= 60e3 * 0.1
+    assert f"{scale:.0e}"[0] in "125"
+
+
+def test_circle(circle, circle_pictures):
+    paths = circle_pictures
+    assert names(paths) == ["circle.svg", "circle.png", "contour_error.svg", "contour_error.png"]
+    check_files(paths)
+    text = texts(paths[0])
+    for label in (
+        "x (mm)",
+        "y (mm)",
+        "dR (um)",
+        "(deg)",
+        "counter-clockwise",
+        "clockwise",
+        "R 15.000 mm",
+        "3000 mm/min",
+    ):
+        assert label in text
+    maxima = [entry["extrema_deg"] for entry in circle.segments() if entry["kind"] == "circle"]
+    assert len(maxima) == 2
+    for angle in (angle for angles in maxima for angle in angles):
+        assert f"{angle:.2f}" in text
+
+
+def test_several_stars_and_circles_are_numbered(tmp_path):
+    lines = "G0 X-10 Y{y}\nG1 X10 F3000\nG0 X0 Y{a}\nG1 Y{b}\n"
+    stars = "".join(lines.format(y=y, a=y - 10, b=y + 10) for y in (0, 30))
+    circles = "".join(circle_text(radius, "ccw").replace("M2\n", "") for radius in (10, 15))
+    paths = draw(evaluated(f"G21 G90 G17\n{stars}{circles}M2\n"), tmp_path)
+    assert names(paths)[::2] == ["star-1.svg", "star-2.svg", "circle-1.svg", "circle-2.svg", "contour_error.svg"]
+    check_files(paths)
+
+
+def test_single_line_has_its_error_along_the_path(tmp_path):
+    paths = draw(evaluated("G21 G90\nG1 X20 F3000\nM2\n"), tmp_path)
+    assert names(paths) == ["contour_error.svg", "contour_error.png"]
+    check_files(paths)
+    text = texts(paths[0])
+    for label in ("left (um)", "up (um)", "3-D (um)", "(mm)"):
+        assert label in text
+
+
+def test_vertical_line_has_no_sides(tmp_path):
+    evaluation = evaluated("G21 G90\nG1 Z-20 F3000\nM2\n")
+    paths = draw(evaluation, tmp_path)
+    check_files(paths)
+    assert texts(paths[0]).count("the path is vertical") == 2
+    row = next(line for line in table(evaluation).splitlines() if line.lstrip().startswith("2 "))
+    assert row.split()[1] == "-"  # no heading
+
+
+def test_unfinished_runs(star, tmp_path):
+    text = star_program(6000, [0, 90], (0, 0), 60)
+    for cycles, judged in ((1, 0), (600, 1)):
+        evaluation = evaluated(text, cycles)
+        paths = draw(evaluation, tmp_path / str(cycles))
+        assert names(paths) == ["contour_error.svg", "contour_error.png"]
+        check_files(paths)
+        assert len(evaluation.segments()) == judged
+        assert table(evaluation).startswith(f"test.ngc on tripod: {cycles} cycles, {cycles / 1000:.3f} s")
+    assert "no evaluated segment was run" in table(evaluated(text, 1))
+
+
+def contents(paths):
+    return {path.name: path.read_bytes() for path in paths}
+
+
+def test_equal_runs_give_equal_files(star, star_pictures, tmp_path):
+    assert contents(draw(star, tmp_path)) == contents(star_pictures)
+
+
+def test_pictures_do_not_follow_the_readers_settings(circle, circle_pictures, tmp_path):
+    settings = {"font.size": 20.0, "lines.linewidth": 5.0, "svg.fonttype": "path"}
+    with matplotlib.rc_context(settings):
+        assert contents(draw(circle, tmp_path)) == contents(circle_pictures)
+        assert all(matplotlib.rcParams[name] == value for name, value in settings.items())
+
+
+def test_refuses_what_cannot_be_written(circle, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(InputError, match=r"report .*file: a picture cannot be written: File exists"):
+        draw(circle, tmp_path / "file")
+
+
+def test_machine_without_error(star, tmp_path):
+    """A star whose contour errors are all zero, as on a Cartesian machine."""
+    zero = [error._replace(x=0.0, y=0.0, z=0.0, left=0.0, up=0.0, magnitude=0.0) for error in star.errors]
+    nothing = {f"{part}_{name}": 0.0 for part in ("left", "up") for name in ("mean", "std", "rms", "max_abs")}
+    summaries = {index: summary._replace(**nothing) for index, summary in star.summaries.items()}
+    paths = draw(replace(star, errors=zero, summaries=summaries), tmp_path)
+    check_files(paths)
+    assert "1000000:1" in texts(paths[0])
+
+
+def test_judged_cycles_are_those_of_the_summaries(star, circle):
+    for evaluation in (star, circle):
+        judged = judged_cycles(evaluation)
+        for index, summary in evaluation.summaries.items():
+            mine = [error.segment == index and judged[row] for row, error in enumerate(evaluation.errors)]
+            assert sum(mine) == summary.cycles > 0
+
+
+@pytest.mark.parametrize(
+    ("largest", "room", "scale"),
+    [
+        (10e-6, 0.02, 2000),
+        (10.01e-6, 0.02, 1000),
+        (1e-3, 0.02, 20),
+        (0.1, 0.02, 0.2),
+        (0.0, 0.02, 1e6),
+        (5e-6, 0.025, 5000),
+    ],
+)
+def test_round_scale(largest, room, scale):
+    assert round_scale(largest, room) == pytest.approx(scale, rel=1e-12)
+
+
+def test_table_is_aligned_and_carries_units(star, circle):
+    for evaluation, kind in ((star, "Lines"), (circle, "Circles")):
+        block = next(part for part in table(evaluation).split("\n\n") if part.startswith(kind)).splitlines()
+        header, rule, rows = block[1], block[2], block[3:]
+        assert set(rule) == {"-"}
+        ends = [match.end() for match in re.finditer(r"\S+", header)]
+        for row in rows:
+            assert len(row) == len(header)
+            for end in ends:
+                assert row[end - 1] != " "
+                assert row[end : end + 1] in ("", " ")
+        for name in header.split():
+            assert name in ("line", "direction", "below_feed") or re.search(r"_(deg|mm|um|mm_min)$", name)
+    assert len(rows) == 2
+
+
+def test_table_has_the_figures(star):
+    row = next(line for line in table(star).splitlines() if " 90.0 " in line).split()
+    entry = next(entry for entry in star.segments() if math.isclose(entry["heading_deg"], 90.0))
+    assert float(row[3]) == pytest.approx(entry["contour_error_um"]["mean"], abs=5e-4)
+    assert row[3].startswith("+")  # left of travel
+    assert float(row[6]) == pytest.approx(entry["contour_error_z_um"]["mean"], abs=5e-4)
