@@ -9,9 +9,19 @@ from launch.event_handlers import OnProcessExit
 from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
-from pkm_cnc.bringup import LEAVE_TIMEOUT, describe_graph
+from pkm_cnc.bringup import describe_graph
 from pkm_cnc.config import load_setup, machine_files
+
+
+def texts(parameters: dict[str, str]) -> dict[str, ParameterValue]:
+    """Parameters that stay texts: launch would read a bag called 1.10 as a number."""
+    return {name: ParameterValue(value, value_type=str) for name, value in parameters.items()}
+
+
+LEAVE_TIMEOUT = 3.0
+"""s of wall time that the other nodes have after a failure to hear of it and to close the bag."""
 
 
 def _nodes(context: LaunchContext) -> list[Node]:
@@ -23,7 +33,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
             executable=spec.executable,
             name=spec.executable,
             namespace=spec.namespace,
-            parameters=[given["parameters"], spec.parameters],
+            parameters=[given["parameters"], texts(spec.parameters)],
             output="screen",
         )
         for spec in describe_graph(tuple(setup.axes), given["program"], given["bag"], given["pacing"])
@@ -31,7 +41,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
 
 
 def _leave(event: ProcessExited, context: LaunchContext) -> list[TimerAction] | None:
-    """After a failure the other nodes have a moment to hear of it and to close the bag, then they are stopped."""
+    """After a failure whoever has not ended by itself is stopped, e.g. nodes that wait for one that never started."""
     if event.returncode == 0:
         return None
     reason = f"{event.process_name} ended with {event.returncode}"

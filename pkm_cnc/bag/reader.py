@@ -93,7 +93,6 @@ def _read(path: Path) -> tuple[list[_ChannelContent], bool]:
     names: dict[int, str] = {}
     channels: dict[int, _ChannelContent] = {}
     complete = False
-    decompressor = zstandard.ZstdDecompressor()
     with path.open("rb") as file:
         try:
             for record in StreamReader(file, emit_chunks=True).records:
@@ -104,7 +103,7 @@ def _read(path: Path) -> tuple[list[_ChannelContent], bool]:
                         record.id, _ChannelContent(record.topic.lstrip("/"), names[record.schema_id])
                     )  # the summary repeats them
                 elif isinstance(record, Chunk):
-                    content = decompressor.decompress(record.data, max_output_size=record.uncompressed_size)
+                    content = _chunk_content(record, path)
                     if zlib.crc32(content) != record.uncompressed_crc:
                         break
                     for number, message in _messages(content):
@@ -115,6 +114,15 @@ def _read(path: Path) -> tuple[list[_ChannelContent], bool]:
             if not names:
                 raise InputError(f"bag {path}: not an MCAP file") from None
     return list(channels.values()), complete
+
+
+def _chunk_content(chunk: Chunk, path: Path) -> bytes:
+    if chunk.compression == "zstd":
+        size = chunk.uncompressed_size
+        return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
+    if chunk.compression:
+        raise InputError(f"bag {path}: compressed by {chunk.compression}; zstd or no compression can be read")
+    return chunk.data
 
 
 def _messages(content: bytes) -> Iterator[tuple[int, bytes]]:

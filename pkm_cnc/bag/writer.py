@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
@@ -43,9 +44,13 @@ class BagWriter:
         self._file_name = f"{self.folder.name}_0.mcap"
         try:
             self.folder.mkdir(parents=True)
+        except OSError as error:
+            raise InputError(f"bag {self.folder} cannot be created: {error.strerror}") from None
+        try:
             self._stream = McapStream(self.folder / self._file_name, CHUNK_BYTES)
             self._channels = {topic.name: self._add(topic) for topic in self._topics}
         except OSError as error:
+            shutil.rmtree(self.folder, ignore_errors=True)  # nothing is recorded yet: the name stays free
             raise InputError(f"bag {self.folder} cannot be created: {error.strerror}") from None
 
     def _add(self, topic: Topic) -> int:

@@ -350,14 +350,14 @@ class GraphNode(LifecycleNode):
     def finish(self, end: End) -> None:
         """Tell everyone, on run_end and on /diagnostics, that the run is over."""
         if self.ended is None:
-            self._end(end)  # first, because the end may fail: a bag that cannot be closed
-            self._senders[RUN_END].publish(run_end(self.ended, end.cycle * self.setup.servo_period_ns))
+            end = self._end(end)  # first, because it may change: a bag that cannot be closed
+            self._senders[RUN_END].publish(run_end(end, end.cycle * self.setup.servo_period_ns))
 
     def _receive_end(self, data: bytes) -> None:
         if self.ended is None:
             self._end(end_of(data))
 
-    def _end(self, end: End) -> None:
+    def _end(self, end: End) -> End:
         self.ended = end
         if not end.completed:
             self._publish_diagnostics(DiagnosticStatus.ERROR, f"{end.node}: {end.reason}")
@@ -365,6 +365,7 @@ class GraphNode(LifecycleNode):
             self.close()
         except MachineFault as error:
             self.ended = End(end.cycle, self.full_name, str(error))
+        return self.ended
 
     def leave(self) -> None:
         """After the run: make sure that what was said is heard, then leave the life cycle."""

@@ -1,0 +1,8 @@
+"""Bringing up the graph: its one description, for the command and for launch files, and the ways to run it."""
+
+from pkm_cnc.bringup.description import GraphNodeSpec, describe_graph
+from pkm_cnc.bringup.environment import prepare_environment
+from pkm_cnc.bringup.one_process import run_in_one_process
+from pkm_cnc.bringup.processes import run_in_processes
+
+__all__ = ["GraphNodeSpec", "describe_graph", "prepare_environment", "run_in_one_process", "run_in_processes"]

@@ -1,0 +1,33 @@
+"""Which executables make up the graph of a machine, where they stand, and what each must be told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from pkm_cnc.topics import INTERPOLATOR, RECORDER, nodes
+
+__all__ = ["GraphNodeSpec", "describe_graph"]
+
+
+class GraphNodeSpec(NamedTuple):
+    """One node to start: executable (and node name), namespace relative to the machine's, run parameters it needs."""
+
+    executable: str
+    namespace: str
+    parameters: dict[str, str]
+
+    @property
+    def full_name(self) -> str:
+        """Name relative to the machine's namespace, e.g. u1/plant."""
+        return f"{self.namespace}/{self.executable}" if self.namespace else self.executable
+
+
+def describe_graph(axes: Sequence[str], program: str, bag: str, pacing: str) -> list[GraphNodeSpec]:
+    """The nodes of a machine with these axes that run `program`, paced "fast" or "realtime", recorded to `bag`."""
+    extra = {INTERPOLATOR: {"program": program, "pacing": pacing}, RECORDER: {"bag": bag}}
+    specs = []
+    for name in nodes(axes):
+        namespace, _, executable = name.rpartition("/")
+        specs.append(GraphNodeSpec(executable, namespace, extra.get(name, {})))
+    return specs
