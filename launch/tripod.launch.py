@@ -14,14 +14,13 @@ from launch_ros.parameter_descriptions import ParameterValue
 from pkm_cnc.bringup import describe_graph
 from pkm_cnc.config import load_setup, machine_files
 
-
-def texts(parameters: dict[str, str]) -> dict[str, ParameterValue]:
-    """Parameters that stay texts: launch would read a bag called 1.10 as a number."""
-    return {name: ParameterValue(value, value_type=str) for name, value in parameters.items()}
-
-
 LEAVE_TIMEOUT = 3.0
 """s of wall time that the other nodes have after a failure to hear of it and to close the bag."""
+
+
+def _texts(parameters: dict[str, str]) -> dict[str, ParameterValue]:
+    """Parameters that stay texts: launch would read a bag called 1.10 as a number."""
+    return {name: ParameterValue(value, value_type=str) for name, value in parameters.items()}
 
 
 def _nodes(context: LaunchContext) -> list[Node]:
@@ -33,7 +32,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
             executable=spec.executable,
             name=spec.executable,
             namespace=spec.namespace,
-            parameters=[given["parameters"], texts(spec.parameters)],
+            parameters=[given["parameters"], _texts(spec.parameters)],
             output="screen",
         )
         for spec in describe_graph(tuple(setup.axes), given["program"], given["bag"], given["pacing"])

@@ -20,7 +20,7 @@ from pkm_cnc.kinematics import Machine, load_kinematics
 from pkm_cnc.motion import MotionParameters
 from pkm_cnc.parameters import Parameter, Value, parameter, parameters_of, read_section
 from pkm_cnc.plant import ScaleParameters, ScrewParameters, TravelParameters
-from pkm_cnc.records import Vector
+from pkm_cnc.records import NANOSECONDS, Vector
 from pkm_cnc.servo import DriveParameters
 
 __all__ = [
@@ -32,8 +32,6 @@ __all__ = [
     "setup_from_parameters",
     "setup_from_text",
 ]
-
-NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from pkm_cnc.contour import (
 )
 from pkm_cnc.errors import InputError
 from pkm_cnc.program import Arc, Element, Line
-from pkm_cnc.records import ContourError, TcpSetpoint
+from pkm_cnc.records import NANOSECONDS, ContourError, TcpSetpoint
 
 __all__ = ["Evaluation", "evaluate", "setup_of"]
 
@@ -108,7 +108,7 @@ def evaluate(run: Run) -> Evaluation:
     ends = run.slow.get("run_end", [])
     return Evaluation(
         machine=info.machine,
-        servo_period=info.servo_period / 1_000_000_000,
+        servo_period=info.servo_period / NANOSECONDS,
         program_name=info.program_name,
         end=run_messages.ended(ends[0]) if ends else None,
         elements=elements,

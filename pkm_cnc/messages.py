@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pkm_cnc.errors import InputError
+from pkm_cnc.records import NANOSECONDS
 
 __all__ = ["Codec", "codec", "deserialize", "message", "serialize", "stamp", "typestore"]
 
@@ -80,7 +81,7 @@ class Codec:
 
     def pack(self, cycle: int, time: int, values: Sequence[float]) -> bytes:
         """The message's bytes: `time` = stamp in ns, `values` = its record."""
-        seconds, nanoseconds = divmod(time, 1_000_000_000)
+        seconds, nanoseconds = divmod(time, NANOSECONDS)
         return self._struct.pack(_CDR_LITTLE_ENDIAN, seconds, nanoseconds, *self._frame, cycle, *values)
 
     def unpack(self, data: bytes) -> tuple[int, tuple[Any, ...]]:
@@ -118,7 +119,7 @@ def codec(typename: str, frame_id: str) -> Codec:
 
 def stamp(time: int) -> Any:
     """builtin_interfaces/Time of `time` ns."""
-    return typestore().types["builtin_interfaces/msg/Time"](*divmod(time, 1_000_000_000))
+    return typestore().types["builtin_interfaces/msg/Time"](*divmod(time, NANOSECONDS))
 
 
 def message(typename: str, **fields: Any) -> Any:
@@ -149,8 +150,9 @@ def _neutral(kind: int, detail: Any) -> Any:
 
 
 def serialize(content: Any) -> bytes:
-    """CDR bytes of a message object made by `message`."""
-    return bytes(typestore().serialize_cdr(content, content.__msgtype__))
+    """CDR bytes of a message object made by `message`, padded as DDS pads what it sends."""
+    data = bytes(typestore().serialize_cdr(content, content.__msgtype__))
+    return data + bytes(-len(data) % 4)
 
 
 def deserialize(data: bytes, typename: str) -> Any:

@@ -7,6 +7,7 @@ points and vectors written out. SI units; positions of the TCP in `base_link`.
 from typing import NamedTuple
 
 __all__ = [
+    "NANOSECONDS",
     "PHASE_END",
     "PHASE_HOLD",
     "PHASE_MOVE",
@@ -20,6 +21,9 @@ __all__ = [
     "TcpState",
     "Vector",
 ]
+
+NANOSECONDS = 1_000_000_000
+"""ns in a second: stamps are whole nanoseconds."""
 
 Vector = tuple[float, float, float]
 """A point or a vector in `base_link`, x y z."""

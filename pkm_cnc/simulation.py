@@ -14,11 +14,11 @@ import numpy as np
 from pkm_cnc import run_messages
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import ContourMonitor, SegmentSummary, in_position
-from pkm_cnc.errors import MachineFault
+from pkm_cnc.errors import MachineFault, UnreachableError
 from pkm_cnc.motion import Interpolator
 from pkm_cnc.plant import AxisPlant
 from pkm_cnc.program import Program, Toolpath
-from pkm_cnc.records import PHASE_END, AxisCommand, AxisSetpoint, AxisState, ContourError, TcpSetpoint, TcpState
+from pkm_cnc.records import PHASE_END, AxisCommand, AxisSetpoint, AxisState, ContourError, TcpSetpoint, TcpState, Vector
 from pkm_cnc.servo import ServoDrive
 from pkm_cnc.topics import RUN_END, topics
 from pkm_cnc.visuals import Visuals
@@ -73,8 +73,8 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
         while len(setpoints) < BLOCK and not interpolator.needs_feedback and not interpolator.finished:
             setpoints.append(interpolator.step())
         rows, fault = axes.run(_axis_setpoints(setup, setpoints), cycle)
-        believed = _tcp(setup, [[state.position for state in row.states] for row in rows])
-        true = _tcp(setup, [[state.slider_position for state in row.states] for row in rows])
+        believed, fault = _tcp(setup, [[state.position for state in row.states] for row in rows], cycle, fault)
+        true, fault = _tcp(setup, [[state.slider_position for state in row.states] for row in rows], cycle, fault)
         for setpoint, row, believed_point, true_point in zip(setpoints, rows, believed, true, strict=False):
             entered = range(known, setpoint.segment + 1)
             for index in entered:
@@ -95,8 +95,21 @@ def _axis_setpoints(setup: Setup, setpoints: list[TcpSetpoint]) -> list[list[Axi
     return [[AxisSetpoint(*values) for values in row] for row in np.stack(motion, axis=-1).tolist()]
 
 
-def _tcp(setup: Setup, joints: list[list[float]]) -> list[Any]:
-    return [tuple(point) for point in setup.machine.forward(joints).tolist()] if joints else []
+def _tcp(
+    setup: Setup, joints: list[list[float]], first_cycle: int, fault: MachineFault | None
+) -> tuple[list[Vector], MachineFault | None]:
+    """The TCP of rows of joints up to the first that has none, and that fault, or else the one that was before."""
+    try:
+        return [(x, y, z) for x, y, z in setup.machine.forward(joints).tolist()] if joints else [], fault
+    except UnreachableError:
+        points: list[Vector] = []
+        for cycle, row in enumerate(joints, first_cycle):
+            try:
+                x, y, z = setup.machine.forward(row).tolist()
+            except UnreachableError as error:
+                return points, MachineFault(f"cycle {cycle}: {error}")
+            points.append((x, y, z))
+        raise
 
 
 class _AxesRow(NamedTuple):
@@ -121,13 +134,15 @@ class _Axes:
         """The rows up to the end or to the first fault, and that fault."""
         rows: list[_AxesRow] = []
         for cycle, setpoints in enumerate(axis_setpoints, first_cycle):
-            commands = []
-            for name, drive, setpoint, state in zip(self._names, self._drives, setpoints, self._states, strict=True):
+            commands, following = [], []
+            for name, drive, plant, setpoint, state in zip(
+                self._names, self._drives, self._plants, setpoints, self._states, strict=True
+            ):
                 try:
                     commands.append(drive.step(setpoint, state))
+                    following.append(plant.step(commands[-1]))
                 except MachineFault as error:
                     return rows, MachineFault(f"cycle {cycle}: {name}: {error}")
-            following = [plant.step(command) for plant, command in zip(self._plants, commands, strict=True)]
             rows.append(_AxesRow(setpoints, self._states, commands, following))
             self._states = following
         return rows, None

@@ -20,6 +20,7 @@ __all__ = [
     "WAITING",
     "Topic",
     "nodes",
+    "recorded_topics",
     "topics",
 ]
 
@@ -47,7 +48,8 @@ SERVO_FRAMES = {
 class Topic(NamedTuple):
     """One topic: relative name, message type, constant frame, the node that publishes it and those that must hear it.
 
-    `record` is the record of a servo-rate topic (one message a cycle), None for everything slower.
+    `frame_id` is that of a topic of fixed size; the messages of the others carry their own. `record` is the record of
+    a servo-rate topic (one message a cycle), None for everything slower.
     """
 
     name: str
@@ -85,19 +87,24 @@ def topics(axes: Sequence[str]) -> dict[str, Topic]:
     monitor = (CONTOUR_MONITOR, (RECORDER,))
     table = [
         Topic("run_info", _ours("RunInfo"), "", INTERPOLATOR, (RECORDER,)),
-        Topic("toolpath/segment", _ours("ToolpathSegment"), BASE_FRAME, INTERPOLATOR, (CONTOUR_MONITOR, RECORDER)),
+        Topic("toolpath/segment", _ours("ToolpathSegment"), "", INTERPOLATOR, (CONTOUR_MONITOR, RECORDER)),
         *servo,
         Topic("contour_monitor/segment_summary", _ours("SegmentSummary"), "", *monitor),
         Topic("joint_states", "sensor_msgs/msg/JointState", "", *monitor),
-        Topic("tcp/pose", "geometry_msgs/msg/PoseStamped", BASE_FRAME, *monitor),
-        Topic("tcp/path", "nav_msgs/msg/Path", BASE_FRAME, *monitor),
-        Topic("markers", "visualization_msgs/msg/MarkerArray", BASE_FRAME, *monitor),
+        Topic("tcp/pose", "geometry_msgs/msg/PoseStamped", "", *monitor),
+        Topic("tcp/path", "nav_msgs/msg/Path", "", *monitor),
+        Topic("markers", "visualization_msgs/msg/MarkerArray", "", *monitor),
         Topic("contour_monitor/progress", _ours("Progress"), "", CONTOUR_MONITOR, (INTERPOLATOR,)),
         Topic("recorder/progress", _ours("Progress"), "", RECORDER, (INTERPOLATOR,)),
         Topic(RUN_END, _ours("RunEnd"), "", ANYONE, everyone),
         Topic(WAITING, _ours("Waiting"), "", ANYONE, everyone),
     ]
     return {topic.name: topic for topic in table}
+
+
+def recorded_topics(axes: Sequence[str]) -> list[Topic]:
+    """The topics that a bag holds."""
+    return [topic for topic in topics(axes).values() if topic.recorded]
 
 
 def _servo_topics(axes: Sequence[str]) -> Iterator[Topic]:

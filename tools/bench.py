@@ -17,7 +17,7 @@ from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.contour import parse_headings, star_program
 from pkm_cnc.program import Program, read_program
 from pkm_cnc.simulation import simulate
-from pkm_cnc.topics import topics
+from pkm_cnc.topics import recorded_topics
 
 HOPS = 20_000
 MINUTE_1, MINUTE_10 = 60.0, 600.0
@@ -85,8 +85,7 @@ def simulated(setup: Setup, program: Program, bag: Path | None) -> tuple[float, 
     if bag is None:
         cycles = simulate(setup, program, toolpath)
     else:
-        recorded = [topic for topic in topics(tuple(setup.axes)).values() if topic.recorded]
-        with BagWriter(bag, recorded) as writer:
+        with BagWriter(bag, recorded_topics(tuple(setup.axes))) as writer:
             cycles = simulate(setup, program, toolpath, writer)
     return cycles * setup.servo_period, time.perf_counter() - started
 

@@ -12,7 +12,7 @@ from pkm_cnc.cli.arguments import add_machine, setup_of
 from pkm_cnc.cli.progress import live_line
 from pkm_cnc.program import read_program
 from pkm_cnc.simulation import simulate
-from pkm_cnc.topics import topics
+from pkm_cnc.topics import recorded_topics
 
 __all__ = ["add_parser"]
 
@@ -30,9 +30,11 @@ def _simulate(arguments: argparse.Namespace) -> None:
     setup = setup_of(arguments)
     program = read_program(arguments.program)
     toolpath = prepare(setup, program)
-    recorded = [topic for topic in topics(tuple(setup.axes)).values() if topic.recorded]
     started = time.monotonic()
-    with live_line("simulate", setup.servo_period) as show, BagWriter(arguments.bag, recorded) as bag:
+    with (
+        live_line("simulate", setup.servo_period) as show,
+        BagWriter(arguments.bag, recorded_topics(tuple(setup.axes))) as bag,
+    ):
         count = simulate(setup, program, toolpath, bag, lambda cycle: show(cycle.cycle))
     wall, machine = time.monotonic() - started, count * setup.servo_period
     print(f"bag {arguments.bag}: {machine:.3f} s of machine time in {wall:.1f} s ({machine / wall:.2f} x real time)")

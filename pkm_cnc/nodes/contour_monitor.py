@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 from pkm_cnc import run_messages
@@ -11,6 +12,7 @@ from pkm_cnc.messages import deserialize
 from pkm_cnc.nodes.graph_node import GraphNode
 from pkm_cnc.nodes.runner import run_node
 from pkm_cnc.nodes.watchdog import Report
+from pkm_cnc.program import Element
 from pkm_cnc.records import PHASE_END, PHASE_MOVE, AxisState, TcpSetpoint, Vector
 from pkm_cnc.topics import CONTOUR_MONITOR
 from pkm_cnc.visuals import Visuals
@@ -29,6 +31,7 @@ class ContourMonitorNode(GraphNode):
         """Make the monitor."""
         self._monitor = ContourMonitor()
         self._visuals = Visuals(self.setup.machine, tuple(self.setup.axes), self.setup.servo_period_ns)
+        self._ahead: deque[Element] = deque()
         self._segments = 0
         self._stride = max(1, self.setup.graph.window // 4)
         self._tolerance = self.setup.motion.in_position_tolerance
@@ -43,7 +46,7 @@ class ContourMonitorNode(GraphNode):
             raise MachineFault(f"{topic}: segment {content.index} received, segment {self._segments} expected")
         element = run_messages.element_of(content)
         self._monitor.add_segment(content.index, element, content.path_start)
-        self._visuals.add(element)
+        self._ahead.append(element)
         self._segments += 1
 
     def may_step(self) -> bool:
@@ -63,6 +66,8 @@ class ContourMonitorNode(GraphNode):
         believed = self._tcp([state.position for state in states])
         true = self._tcp([state.slider_position for state in states])
         tcp, error = self._monitor.step(setpoint, believed, true)
+        while self._segments - len(self._ahead) <= setpoint.segment:  # drawn when entered, so that W is not seen
+            self._visuals.add(self._ahead.popleft())
         for topic, data in self._visuals.step(cycle, states, tcp):
             self.send(topic, cycle, data)
         last = setpoint.phase == PHASE_END

@@ -13,9 +13,9 @@ from pkm_cnc.nodes.graph_node import GraphNode
 from pkm_cnc.nodes.ledger import Ledger
 from pkm_cnc.nodes.runner import run_node
 from pkm_cnc.nodes.watchdog import Report
-from pkm_cnc.records import PHASE_END, TcpSetpoint
+from pkm_cnc.records import NANOSECONDS, PHASE_END, TcpSetpoint
 from pkm_cnc.run_messages import End, run_end
-from pkm_cnc.topics import RECORDER, RUN_END, topics
+from pkm_cnc.topics import RECORDER, RUN_END, recorded_topics
 
 __all__ = ["RecorderNode", "main"]
 
@@ -39,7 +39,7 @@ class RecorderNode(GraphNode):
         """Make the bag."""
         if not self.run.get("bag"):
             raise InputError("parameter bag is missing; give -p bag:=FOLDER")
-        recorded = [topic for topic in topics(tuple(self.setup.axes)).values() if topic.recorded]
+        recorded = recorded_topics(tuple(self.setup.axes))
         self._unpack = {topic.name: topic.codec.unpack for topic in recorded if topic.record}
         self._ledger = Ledger(list(self._unpack), [f"{axis}/actual" for axis in self.setup.axes])
         self._stride = max(1, self.setup.graph.window // 4)
@@ -56,7 +56,7 @@ class RecorderNode(GraphNode):
         """Take one message from a subscription."""
         cycle = self._unpack[topic](data)[0] if topic in self._unpack else 0
         seconds, nanoseconds = _STAMP.unpack_from(data, _MARKERS_STAMP if topic == "markers" else _HEADER_STAMP)
-        self._store(topic, cycle, seconds * 1_000_000_000 + nanoseconds, data)
+        self._store(topic, cycle, seconds * NANOSECONDS + nanoseconds, data)
 
     def tap_in(self, topic: str, cycle: int, time: int, data: bytes) -> None:
         """Take one message that a node of the same process publishes. What fails here is the recorder's fault."""

@@ -93,4 +93,5 @@ def _cell(row: dict[str, Any], path: str, form: str) -> str:
         return "-"
     if isinstance(value, list):
         return " ".join(form.format(number) for number in value) or "none"
-    return form.format(value)
+    text = form.format(value)
+    return text if set(text) & set("123456789") else text.lstrip("+-")  # a zero has no side
