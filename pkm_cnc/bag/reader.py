@@ -144,5 +144,5 @@ def _table(path: Path, channel: _ChannelContent, dtype: np.dtype[Any]) -> NDArra
     gaps = np.flatnonzero(rows["cycle"] != np.arange(len(rows), dtype=np.uint64))
     if len(gaps):
         found = rows["cycle"][gaps[0]]
-        raise InputError(f"bag {path}: /{channel.topic}: cycle {found} stands where cycle {gaps[0]} must be")
+        raise InputError(f"bag {path}: /{channel.topic}: cycle {gaps[0]} is missing (found {found})")
     return rows
