@@ -18,7 +18,7 @@ from pkm_cnc.contour.circular_test import (
 from pkm_cnc.contour.contour_error import ContourTracker
 from pkm_cnc.contour.monitor import ContourMonitor, in_position
 from pkm_cnc.contour.star_test import heading_deg, line_report, parse_headings, star_program
-from pkm_cnc.contour.summary import SegmentStatistics, SegmentSummary, contour_error_report
+from pkm_cnc.contour.summary import SegmentStatistics, SegmentSummary, contour_error_report, judged_range
 
 __all__ = [
     "CirclePath",
@@ -37,6 +37,7 @@ __all__ = [
     "heading_deg",
     "in_position",
     "is_full_circle",
+    "judged_range",
     "least_squares_circle",
     "line_report",
     "parse_headings",

@@ -9,7 +9,7 @@ from pkm_cnc.program import Element, Line
 from pkm_cnc.records import ContourError
 from pkm_cnc.tolerances import FEED_REACHED
 
-__all__ = ["SegmentStatistics", "SegmentSummary", "contour_error_report"]
+__all__ = ["SegmentStatistics", "SegmentSummary", "contour_error_report", "judged_range"]
 
 
 class SegmentSummary(NamedTuple):
@@ -35,6 +35,12 @@ class SegmentSummary(NamedTuple):
     tracking_error_mean: float
 
 
+def judged_range(element: Element, path_start: float) -> tuple[float, float]:
+    """From where to where on the contour, m, an element is judged: the middle half of a line, all of an arc."""
+    margin = 0.25 * element.length if isinstance(element, Line) else 0.0
+    return path_start + margin, path_start + element.length - margin
+
+
 class SegmentStatistics:
     """Gathers the SegmentSummary of one element that begins `path_start` m along the contour.
 
@@ -42,10 +48,8 @@ class SegmentStatistics:
     """
 
     def __init__(self, index: int, element: Element, path_start: float) -> None:
-        margin = 0.25 * element.length if isinstance(element, Line) else 0.0
         self._index = index
-        self._from = path_start + margin
-        self._to = path_start + element.length - margin
+        self._from, self._to = judged_range(element, path_start)
         self._feed_reached = element.feed * (1.0 - FEED_REACHED)
         self._below_feed = 0
         self._left = _Running()

@@ -14,9 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from pkm_cnc.contour import judged_range
 from pkm_cnc.errors import InputError
 from pkm_cnc.evaluation import Evaluation
-from pkm_cnc.program import Line
 
 __all__ = [
     "FIRST",
@@ -106,12 +106,9 @@ def round_scale(largest: float, room: float) -> float:
 
 def judged_cycles(evaluation: Evaluation) -> NDArray[np.bool_]:
     """Which cycles count in the summaries, shape (n,): those on the middle half of a judged line, on a judged arc."""
-    starts = np.array(evaluation.starts)
-    lengths = np.array([element.length for element in evaluation.elements])
-    margins = np.array([0.25 if isinstance(element, Line) else 0.0 for element in evaluation.elements]) * lengths
+    low, high = np.array(list(map(judged_range, evaluation.elements, evaluation.starts))).T
     segment = np.array([error.segment for error in evaluation.errors])
     path_length = np.array([error.path_length for error in evaluation.errors])
-    low, high = starts + margins, starts + lengths - margins
     inside = (low[segment] <= path_length) & (path_length <= high[segment])
     return np.asarray(inside & np.isin(segment, list(evaluation.summaries)), dtype=np.bool_)
 
