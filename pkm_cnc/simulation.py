@@ -73,8 +73,12 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
         while len(setpoints) < BLOCK and not interpolator.needs_feedback and not interpolator.finished:
             setpoints.append(interpolator.step())
         rows, fault = axes.run(_axis_setpoints(setup, setpoints), cycle)
-        believed, fault = _tcp(setup, [[state.position for state in row.states] for row in rows], cycle, fault)
-        true, fault = _tcp(setup, [[state.slider_position for state in row.states] for row in rows], cycle, fault)
+        read = [[state.position for state in row.states] for row in rows]
+        sliders = [[state.slider_position for state in row.states] for row in rows]
+        believed, fault = _tcp(setup, read, cycle, fault)
+        true = believed
+        if sliders != read:
+            true, fault = _tcp(setup, sliders, cycle, fault)
         for setpoint, row, believed_point, true_point in zip(setpoints, rows, believed, true, strict=False):
             entered = range(known, setpoint.segment + 1)
             for index in entered:
@@ -92,7 +96,7 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
 def _axis_setpoints(setup: Setup, setpoints: list[TcpSetpoint]) -> list[list[AxisSetpoint]]:
     table = np.array([setpoint[:9] for setpoint in setpoints])
     motion = setup.machine.motion(table[:, 0:3], table[:, 3:6], table[:, 6:9])
-    return [[AxisSetpoint(*values) for values in row] for row in np.stack(motion, axis=-1).tolist()]
+    return [list(map(AxisSetpoint._make, row)) for row in np.stack(motion, axis=-1).tolist()]
 
 
 def _tcp(
