@@ -5,6 +5,7 @@ Machine time is what the machine would take; "x real time" is machine time over 
 
 from __future__ import annotations
 
+import gc
 import os
 import tempfile
 import time
@@ -81,6 +82,7 @@ def resident_mb() -> float:
 def simulated(setup: Setup, program: Program, bag: Path | None) -> tuple[float, float]:
     """Machine time and wall time of a simulation, s."""
     toolpath = prepare(setup, program)
+    gc.freeze()  # as `pkm_cnc simulate` does
     started = time.perf_counter()
     if bag is None:
         cycles = simulate(setup, program, toolpath)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import time
@@ -66,6 +67,7 @@ def _configure_and_spin(
             return node.ended
     for node in started:
         node.trigger_activate()
+    gc.freeze()  # what is there by now stays to the end: the garbage collector need not look at it in the run
     return _spin(nodes, context, tick, caught)
 
 
