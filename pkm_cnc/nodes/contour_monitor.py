@@ -7,9 +7,9 @@ from typing import Any
 
 from pkm_cnc import run_messages
 from pkm_cnc.contour import ContourMonitor, in_position
-from pkm_cnc.errors import MachineFault
 from pkm_cnc.messages import deserialize
 from pkm_cnc.nodes.graph_node import GraphNode
+from pkm_cnc.nodes.in_order import InOrder
 from pkm_cnc.nodes.runner import run_node
 from pkm_cnc.nodes.watchdog import Report
 from pkm_cnc.program import Element
@@ -32,26 +32,26 @@ class ContourMonitorNode(GraphNode):
         self._monitor = ContourMonitor()
         self._visuals = Visuals(self.setup.machine, tuple(self.setup.axes), self.setup.servo_period_ns)
         self._ahead: deque[Element] = deque()
-        self._segments = 0
+        self._segments = InOrder(SEGMENT, "segment")
         self._stride = max(1, self.setup.graph.window // 4)
         self._tolerance = self.setup.motion.in_position_tolerance
 
     def take_message(self, topic: str, data: bytes) -> None:
         """A segment arrives ahead of its use."""
         content = deserialize(data, self.topics[topic].typename)
-        if content.index < self._segments:
-            self.join.ignored += 1
+        if not self._segments.take(content.index):
             return
-        if content.index > self._segments:
-            raise MachineFault(f"{topic}: segment {content.index} received, segment {self._segments} expected")
         element = run_messages.element_of(content)
         self._monitor.add_segment(content.index, element, content.path_start)
         self._ahead.append(element)
-        self._segments += 1
 
     def may_step(self) -> bool:
         """The segment of the next setpoint must be known."""
-        return TcpSetpoint(*self.join.peek(0)).segment < self._segments
+        return TcpSetpoint(*self.join.peek(0)).segment < self._segments.expected
+
+    def ignored(self) -> int:
+        """How many actuals, setpoints and segments came twice."""
+        return super().ignored() + self._segments.ignored
 
     def waits_for(self) -> Report | None:
         """A setpoint may wait for its segment as well as for the actuals."""
@@ -66,7 +66,9 @@ class ContourMonitorNode(GraphNode):
         believed = self._tcp([state.position for state in states])
         true = self._tcp([state.slider_position for state in states])
         tcp, error = self._monitor.step(setpoint, believed, true)
-        while self._segments - len(self._ahead) <= setpoint.segment:  # drawn when entered, so that W is not seen
+        while (
+            self._segments.expected - len(self._ahead) <= setpoint.segment
+        ):  # drawn when entered, so that W is not seen
             self._visuals.add(self._ahead.popleft())
         for topic, data in self._visuals.step(cycle, states, tcp):
             self.send(topic, cycle, data)

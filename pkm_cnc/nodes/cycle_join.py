@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pkm_cnc.errors import MachineFault
+from pkm_cnc.nodes.in_order import InOrder
 from pkm_cnc.topics import Topic
 
 __all__ = ["CycleJoin"]
@@ -26,10 +27,8 @@ class CycleJoin:
         self.inputs = tuple(inputs)
         self.cycle = 0
         """The cycle to be stepped next."""
-        self.ignored = 0
-        """Number of messages ignored because their cycle had been received before."""
         self._queues: list[deque[tuple[Any, ...]]] = [deque() for _ in inputs]
-        self._expected = [0] * len(self.inputs)
+        self._streams = [InOrder(topic.name) for topic in self.inputs]
         self._checked = [_leading_finite(topic) for topic in self.inputs]
 
     def offer(self, slot: int, cycle: int, values: tuple[Any, ...]) -> bool:
@@ -37,17 +36,17 @@ class CycleJoin:
 
         Raises MachineFault for a skipped cycle or a value that is not a finite number.
         """
-        expected = self._expected[slot]
-        if cycle != expected:
-            if cycle < expected:
-                self.ignored += 1
-                return False
-            raise MachineFault(f"{self.inputs[slot].name}: cycle {cycle} received, cycle {expected} expected")
+        if not self._streams[slot].take(cycle):
+            return False
         if not math.isfinite(sum(values[: self._checked[slot]])):
             self._refuse(slot, cycle, values)
-        self._expected[slot] = expected + 1
         self._queues[slot].append(values)
         return all(self._queues)
+
+    @property
+    def ignored(self) -> int:
+        """Number of messages ignored because their cycle had been received before."""
+        return sum(stream.ignored for stream in self._streams)
 
     def take(self) -> list[tuple[Any, ...]]:
         """The inputs of `cycle`, in the order of `inputs`; the next cycle is then awaited."""

@@ -107,9 +107,13 @@ class GraphNode(LifecycleNode):
         """The cycle that the node does next."""
         return self.join.cycle
 
+    def ignored(self) -> int:
+        """How many messages were ignored because they had come before."""
+        return self.join.ignored
+
     def figures(self) -> dict[str, str]:
         """The node's own figures for /diagnostics."""
-        return {"ignored messages": str(self.join.ignored)}
+        return {}
 
     # Life cycle -----------------------------------------------------------------------------------------------------
 
@@ -375,7 +379,7 @@ class GraphNode(LifecycleNode):
 
     def _publish_diagnostics(self, level: bytes, text: str) -> None:
         status = DiagnosticStatus(level=level, name=f"pkm_cnc: {self.full_name}", message=text)
-        figures = {"cycle": str(self.current_cycle()), **self.figures()}
+        figures = {"cycle": str(self.current_cycle()), "ignored messages": str(self.ignored()), **self.figures()}
         status.values = [KeyValue(key=key, value=value) for key, value in figures.items()]
         report = DiagnosticArray(status=[status])
         report.header.stamp = self.get_clock().now().to_msg()

@@ -45,6 +45,7 @@ class InterpolatorNode(GraphNode):
         self._announced = 0
         self._in_position = True
         self._progress = {MONITOR_PROGRESS: -1, RECORDER_PROGRESS: -1}
+        self._outdated = 0
         self.overruns = 0
         self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
         self._clock_cycles = max(1, CLOCK_PERIOD_NS // self.setup.servo_period_ns)
@@ -63,7 +64,7 @@ class InterpolatorNode(GraphNode):
         if cycle >= self._cycle:
             raise MachineFault(f"{topic}: cycle {cycle} reported, but {self._cycle} is the next to be sent")
         if cycle <= self._progress[topic]:
-            self.join.ignored += 1
+            self._outdated += 1
             return
         self._progress[topic] = cycle
         if topic == MONITOR_PROGRESS:
@@ -109,6 +110,10 @@ class InterpolatorNode(GraphNode):
     def current_cycle(self) -> int:
         """The cycle to be sent next."""
         return self._cycle
+
+    def ignored(self) -> int:
+        """How many reports of progress told nothing new."""
+        return self._outdated
 
     def figures(self) -> dict[str, str]:
         """Overruns of the real-time pacing."""

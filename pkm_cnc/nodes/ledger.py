@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pkm_cnc.errors import MachineFault
+from pkm_cnc.nodes.in_order import InOrder
 
 __all__ = ["Ledger"]
 
@@ -18,28 +18,27 @@ class Ledger:
     def __init__(self, servo_topics: Sequence[str], ahead: Sequence[str]) -> None:
         self.complete = -1
         """The last cycle of which every servo-rate topic is there."""
-        self.ignored = 0
-        """Number of messages that were there before."""
-        self._next = dict.fromkeys(servo_topics, 0)
+        self._streams = {topic: InOrder(topic) for topic in servo_topics}
+        self._segments = InOrder("toolpath/segment", "segment")
         self._ahead = tuple(ahead)
         self._arrived: dict[int, int] = {}
         self._last: int | None = None
-        self._segments = self._evaluated = self._summaries = self._needed_segments = 0
+        self._evaluated = self._summaries = self._needed_segments = 0
+
+    @property
+    def ignored(self) -> int:
+        """Number of messages that were there before."""
+        return self._segments.ignored + sum(stream.ignored for stream in self._streams.values())
 
     def take(self, topic: str, cycle: int) -> bool:
         """Note a servo-rate message; return whether it is new.
 
         Raises MachineFault where a cycle was skipped.
         """
-        expected = self._next[topic]
-        if cycle < expected:
-            self.ignored += 1
+        if not self._streams[topic].take(cycle):
             return False
-        if cycle > expected:
-            raise MachineFault(f"{topic}: cycle {cycle} received, cycle {expected} expected")
-        self._next[topic] = expected + 1
         arrived = self._arrived.get(cycle, 0) + 1
-        if arrived == len(self._next):
+        if arrived == len(self._streams):
             del self._arrived[cycle]
             self.complete = cycle
         else:
@@ -48,12 +47,8 @@ class Ledger:
 
     def take_segment(self, index: int, evaluated: bool) -> bool:
         """Note a toolpath segment; return whether it is new. Raises MachineFault where one was skipped."""
-        if index < self._segments:
-            self.ignored += 1
+        if not self._segments.take(index):
             return False
-        if index > self._segments:
-            raise MachineFault(f"toolpath/segment: segment {index} received, segment {self._segments} expected")
-        self._segments += 1
         self._evaluated += evaluated
         return True
 
@@ -72,11 +67,11 @@ class Ledger:
         if self._last is None or self.complete < self._last:
             return False
         return (
-            all(self._next[topic] == self._last + 2 for topic in self._ahead)
-            and self._segments == self._needed_segments
+            all(self._streams[topic].expected == self._last + 2 for topic in self._ahead)
+            and self._segments.expected == self._needed_segments
             and self._summaries == self._evaluated
         )
 
     def late(self) -> str | None:
         """A servo-rate topic that the next cycle lacks; None if what is missing is slower."""
-        return next((topic for topic, following in self._next.items() if following <= self.complete + 1), None)
+        return next((topic for topic, stream in self._streams.items() if stream.expected <= self.complete + 1), None)

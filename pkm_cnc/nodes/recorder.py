@@ -99,9 +99,9 @@ class RecorderNode(GraphNode):
         """The first cycle that is not complete."""
         return self.cycles
 
-    def figures(self) -> dict[str, str]:
-        """Messages that came twice."""
-        return {"ignored messages": str(self._ledger.ignored)}
+    def ignored(self) -> int:
+        """How many messages came twice."""
+        return self._ledger.ignored
 
     def close(self) -> None:
         """Note how the run ended and close the bag."""
