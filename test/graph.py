@@ -20,10 +20,10 @@ from pkm_cnc.nodes.recorder import RecorderNode
 from pkm_cnc.nodes.runner import run_nodes
 from pkm_cnc.program import read_program
 from pkm_cnc.simulation import simulate
-from pkm_cnc.topics import RECORDER, topics
+from pkm_cnc.topics import RECORDER, recorded_topics, topics
 
 TOPICS = topics(AXES)
-RECORDED = [topic for topic in TOPICS.values() if topic.recorded]
+RECORDED = recorded_topics(AXES)
 RELIABLE = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
 
 

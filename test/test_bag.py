@@ -23,11 +23,11 @@ from pkm_cnc.evaluation import evaluate
 from pkm_cnc.messages import typestore
 from pkm_cnc.program import read_program
 from pkm_cnc.simulation import simulate
-from pkm_cnc.topics import topics
+from pkm_cnc.topics import recorded_topics
 
 PERIOD_NS = 1_000_000
 LINES = "G21 G90\nG1 X40 Y15 F6000\nG1 X0 Y0\nM2\n"
-RECORDED = [topic for topic in topics(AXES).values() if topic.recorded]
+RECORDED = recorded_topics(AXES)
 
 
 @pytest.fixture(scope="module")

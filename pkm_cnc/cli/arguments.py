@@ -11,7 +11,7 @@ from pathlib import Path
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.errors import InputError
 
-__all__ = ["add_machine", "setup_of", "write_text"]
+__all__ = ["add_bag", "add_machine", "add_program", "print_bag", "setup_of", "write_text"]
 
 
 def add_machine(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +26,22 @@ def add_machine(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="override a parameter, for all axes (drive.kv=25) or one (u1.drive.kv=25); repeatable",
     )
+
+
+def add_program(parser: argparse.ArgumentParser) -> None:
+    """Add PROGRAM and the machine that it is for."""
+    parser.add_argument("program", metavar="PROGRAM", help="part program (RS-274, mm)")
+    add_machine(parser)
+
+
+def add_bag(parser: argparse.ArgumentParser) -> None:
+    """Add the bag to be recorded."""
+    parser.add_argument("--bag", required=True, metavar="DIR", help="folder of the bag; must not exist")
+
+
+def print_bag(bag: str, machine: float, wall: float) -> None:
+    """Say what was recorded: machine time and wall time in s."""
+    print(f"bag {bag}: {machine:.3f} s of machine time in {wall:.1f} s ({machine / wall:.2f} x real time)")
 
 
 def setup_of(arguments: argparse.Namespace) -> Setup:

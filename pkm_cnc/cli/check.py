@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from pkm_cnc.check import prepare
-from pkm_cnc.cli.arguments import add_machine, setup_of
+from pkm_cnc.cli.arguments import add_program, setup_of
 from pkm_cnc.program import canonical_motion, read_motions, read_program
 
 __all__ = ["add_parser"]
@@ -16,8 +16,7 @@ __all__ = ["add_parser"]
 def add_parser(subparsers: Any) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser("check", help="interpret and check a part program, list its motion; moves nothing")
-    parser.add_argument("program", metavar="PROGRAM", help="part program (RS-274, mm)")
-    add_machine(parser)
+    add_program(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(action=_check)
 

@@ -9,7 +9,7 @@ from typing import Any
 from pkm_cnc.bag import refuse_existing
 from pkm_cnc.bringup import prepare_environment, run_in_one_process, run_in_processes
 from pkm_cnc.check import prepare
-from pkm_cnc.cli.arguments import add_machine, setup_of
+from pkm_cnc.cli.arguments import add_bag, add_program, print_bag, setup_of
 from pkm_cnc.cli.progress import live_line
 from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.program import read_program
@@ -20,9 +20,8 @@ __all__ = ["add_parser"]
 def add_parser(subparsers: Any) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser("run", help="run a part program through the ROS graph, recorded to an MCAP bag")
-    parser.add_argument("program", metavar="PROGRAM", help="part program (RS-274, mm)")
-    add_machine(parser)
-    parser.add_argument("--bag", required=True, metavar="DIR", help="folder of the bag; must not exist")
+    add_program(parser)
+    add_bag(parser)
     parser.add_argument(
         "--pacing",
         choices=("fast", "realtime"),
@@ -50,5 +49,4 @@ def _run(arguments: argparse.Namespace) -> None:
     wall = time.monotonic() - started
     if not end.completed:
         raise (InputError if end.exit_code == InputError.exit_code else MachineFault)(f"{end.node}: {end.reason}")
-    machine = (end.cycle + 1) * setup.servo_period
-    print(f"bag {arguments.bag}: {machine:.3f} s of machine time in {wall:.1f} s ({machine / wall:.2f} x real time)")
+    print_bag(arguments.bag, (end.cycle + 1) * setup.servo_period, wall)

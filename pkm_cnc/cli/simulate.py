@@ -9,7 +9,7 @@ from typing import Any
 
 from pkm_cnc.bag import BagWriter
 from pkm_cnc.check import prepare
-from pkm_cnc.cli.arguments import add_machine, setup_of
+from pkm_cnc.cli.arguments import add_bag, add_program, print_bag, setup_of
 from pkm_cnc.cli.progress import live_line
 from pkm_cnc.program import read_program
 from pkm_cnc.simulation import simulate
@@ -21,9 +21,8 @@ __all__ = ["add_parser"]
 def add_parser(subparsers: Any) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser("simulate", help="the same steps without ROS, the same bag")
-    parser.add_argument("program", metavar="PROGRAM", help="part program (RS-274, mm)")
-    add_machine(parser)
-    parser.add_argument("--bag", required=True, metavar="DIR", help="folder of the bag; must not exist")
+    add_program(parser)
+    add_bag(parser)
     parser.set_defaults(action=_simulate)
 
 
@@ -38,5 +37,4 @@ def _simulate(arguments: argparse.Namespace) -> None:
         BagWriter(arguments.bag, recorded_topics(tuple(setup.axes))) as bag,
     ):
         count = simulate(setup, program, toolpath, bag, lambda cycle: show(cycle.cycle))
-    wall, machine = time.monotonic() - started, count * setup.servo_period
-    print(f"bag {arguments.bag}: {machine:.3f} s of machine time in {wall:.1f} s ({machine / wall:.2f} x real time)")
+    print_bag(arguments.bag, count * setup.servo_period, time.monotonic() - started)
