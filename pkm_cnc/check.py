@@ -55,6 +55,10 @@ def _check_points(setup: Setup, where: str, points: NDArray[np.float64]) -> None
         worst = max(violations, key=lambda violation: violation.excess)
         raise InputError(f"{where}: outside the workspace {_place(setup, points[worst.row or 0])}: {worst.reason}")
     joints = setup.machine.inverse(points)
+    missed = setup.actual.joint_violations(joints) if setup.actual is not setup.machine else []
+    if missed:
+        place = _place(setup, points[missed[0].row or 0])
+        raise InputError(f"{where}: the actual machine (actual.geometry) cannot follow {place}: {missed[0].reason}")
     for column, (axis, axis_setup) in enumerate(setup.axes.items()):
         travel = axis_setup.travel
         for row, bound, excess in (

@@ -2,7 +2,8 @@
 
 The file has the form of a ROS parameter file (`/**: ros__parameters: ...`) and serves as one. Keys are dotted paths:
 `machine`, `servo_period`, ..., then sections (`geometry.*`, `motion.*`, `drive.*`, ...). A section that belongs to an
-axis may be overridden for one axis by putting the axis in front: `u1.drive.kv`.
+axis may be overridden for one axis by putting the axis in front: `u1.drive.kv`. What the machine truly is where that
+differs from what its controller believes stands in the same way under `actual`: `actual.geometry.strut_length`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 import yaml
 
 from pkm_cnc.errors import InputError
-from pkm_cnc.kinematics import Machine, load_kinematics
+from pkm_cnc.kinematics import Machine, in_space, load_kinematics
 from pkm_cnc.motion import MotionParameters
 from pkm_cnc.parameters import Parameter, Value, parameter, parameters_of, read_section
 from pkm_cnc.plant import ScaleParameters, ScrewParameters, TravelParameters
@@ -72,6 +73,7 @@ class GraphParameters:
     )
 
 
+ACTUAL_GEOMETRY = "actual.geometry"
 AXIS_SECTIONS: dict[str, type] = {
     "drive": DriveParameters,
     "screw": ScrewParameters,
@@ -92,10 +94,16 @@ class AxisSetup:
 
 @dataclass(frozen=True)
 class Setup:
-    """Everything that a run depends on but the part program. SI units, TCP in base_link."""
+    """Everything that a run depends on but the part program. SI units, TCP in base_link.
+
+    `machine` is the nominal one, which the controller knows, for poses in space; `kinematics` the same in its own
+    coordinates. `actual` is the one that the drives move: the same object as `machine` unless the file says otherwise.
+    """
 
     machine_name: str
+    kinematics: Machine
     machine: Machine
+    actual: Machine
     servo_period_ns: int
     start_pose: Vector
     program_zero: Vector
@@ -224,14 +232,24 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
         axes[axis] = AxisSetup(
             **{section: _override(base, extra, f"{axis}.{section}.") for section, (base, extra) in parts.items()}
         )
-        own |= {f"{axis}.{section}": (axes[axis], section, extra) for section, (_, extra) in parts.items() if extra}
+        own |= {
+            f"{axis}.{section}": (getattr(axes[axis], section), extra) for section, (_, extra) in parts.items() if extra
+        }
+    actual = given.pop(ACTUAL_GEOMETRY, {})
+    actual_geometry = _override(common["geometry"], actual, f"{ACTUAL_GEOMETRY}.")
+    if actual:
+        own[ACTUAL_GEOMETRY] = (actual_geometry, actual)
+    nominal = _machine(kinematics, common["geometry"], "")
+    machine = in_space(nominal)
     controller, motion, graph = common[""], common["motion"], common["graph"]
     period = round(controller.servo_period * NANOSECONDS)
     if abs(period - controller.servo_period * NANOSECONDS) > 1e-3:  # ns; decimals read as a double miss it by less
         raise InputError(f"servo_period: {controller.servo_period} s is not a whole number of nanoseconds")
     return Setup(
         machine_name=name,
-        machine=kinematics(common["geometry"]),
+        kinematics=nominal,
+        machine=machine,
+        actual=in_space(_machine(kinematics, actual_geometry, "actual.")) if actual else machine,
         servo_period_ns=period,
         start_pose=controller.start_pose,
         program_zero=controller.program_zero,
@@ -242,10 +260,17 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
     )
 
 
+def _machine(kinematics: type[Machine], geometry: Any, prefix: str) -> Machine:
+    try:
+        return kinematics(geometry)
+    except InputError as error:
+        raise InputError(f"{prefix}{error}") from None
+
+
 def _by_section(
     values: Mapping[str, object], axes: tuple[str, ...], sections: Mapping[str, type]
 ) -> dict[str, dict[str, object]]:
-    allowed = {*sections, *(f"{axis}.{section}" for axis in axes for section in AXIS_SECTIONS)}
+    allowed = {*sections, ACTUAL_GEOMETRY, *(f"{axis}.{section}" for axis in axes for section in AXIS_SECTIONS)}
     given: dict[str, dict[str, object]] = {}
     for key, value in values.items():
         section, _, name = key.rpartition(".")
@@ -269,8 +294,7 @@ def _described(name: str, common: Mapping[str, Any], own: Mapping[str, Any]) -> 
         for spec in parameters_of(type(content)):
             key = f"{section}.{spec.name}" if section else spec.name
             described[key] = (getattr(content, spec.name), spec)
-    for prefix, (axis, section, extra) in own.items():
-        content = getattr(axis, section)
+    for prefix, (content, extra) in own.items():
         for spec in parameters_of(type(content)):
             if spec.name in extra:
                 described[f"{prefix}.{spec.name}"] = (getattr(content, spec.name), spec)

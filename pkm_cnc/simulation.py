@@ -15,6 +15,7 @@ from pkm_cnc import run_messages
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import ContourMonitor, SegmentSummary, in_position
 from pkm_cnc.errors import MachineFault, UnreachableError
+from pkm_cnc.kinematics import Machine, Motion
 from pkm_cnc.motion import Interpolator
 from pkm_cnc.plant import AxisPlant
 from pkm_cnc.program import Program, Toolpath
@@ -65,6 +66,7 @@ def make_plant(setup: Setup, axis: str) -> AxisPlant:
 def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
     """Run a checked toolpath cycle by cycle. Raises MachineFault naming cycle and axis, after the cycles before it."""
     interpolator = Interpolator(toolpath, setup.motion, setup.servo_period)
+    motion = setup.machine.setpoint_motion(setup.start_pose, setup.servo_period)
     axes = _Axes(setup)
     monitor = ContourMonitor()
     cycle, known, rests = 0, 0, True
@@ -72,13 +74,13 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
         setpoints = [interpolator.step(rests)]
         while len(setpoints) < BLOCK and not interpolator.needs_feedback and not interpolator.finished:
             setpoints.append(interpolator.step())
-        rows, fault = axes.run(_axis_setpoints(setup, setpoints), cycle)
+        rows, fault = axes.run(_axis_setpoints(motion, setpoints), cycle)
         read = [[state.position for state in row.states] for row in rows]
         sliders = [[state.slider_position for state in row.states] for row in rows]
-        believed, fault = _tcp(setup, read, cycle, fault)
+        believed, fault = _tcp(setup.machine, read, cycle, fault)
         true = believed
-        if sliders != read:
-            true, fault = _tcp(setup, sliders, cycle, fault)
+        if sliders != read or setup.actual is not setup.machine:
+            true, fault = _tcp(setup.actual, sliders, cycle, fault)
         for setpoint, row, believed_point, true_point in zip(setpoints, rows, believed, true, strict=False):
             entered = range(known, setpoint.segment + 1)
             for index in entered:
@@ -93,23 +95,23 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
         rests = in_position(setpoints[-1], believed[-1], setup.motion.in_position_tolerance)
 
 
-def _axis_setpoints(setup: Setup, setpoints: list[TcpSetpoint]) -> list[list[AxisSetpoint]]:
+def _axis_setpoints(motion: Motion, setpoints: list[TcpSetpoint]) -> list[list[AxisSetpoint]]:
     table = np.array([setpoint[:9] for setpoint in setpoints])
-    motion = setup.machine.motion(table[:, 0:3], table[:, 3:6], table[:, 6:9])
-    return [list(map(AxisSetpoint._make, row)) for row in np.stack(motion, axis=-1).tolist()]
+    joints = motion(table[:, 0:3], table[:, 3:6], table[:, 6:9])
+    return [list(map(AxisSetpoint._make, row)) for row in np.stack(joints, axis=-1).tolist()]
 
 
 def _tcp(
-    setup: Setup, joints: list[list[float]], first_cycle: int, fault: MachineFault | None
+    machine: Machine, joints: list[list[float]], first_cycle: int, fault: MachineFault | None
 ) -> tuple[list[Vector], MachineFault | None]:
     """The TCP of rows of joints up to the first that has none, and that fault, or else the one that was before."""
     try:
-        return [(x, y, z) for x, y, z in setup.machine.forward(joints).tolist()] if joints else [], fault
+        return [(x, y, z) for x, y, z in machine.forward(joints).tolist()] if joints else [], fault
     except UnreachableError:
         points: list[Vector] = []
         for cycle, row in enumerate(joints, first_cycle):
             try:
-                x, y, z = setup.machine.forward(row).tolist()
+                x, y, z = machine.forward(row).tolist()
             except UnreachableError as error:
                 return points, MachineFault(f"cycle {cycle}: {error}")
             points.append((x, y, z))
@@ -190,7 +192,7 @@ class _Recording:
         self._toolpath = toolpath
         self._sink = sink
         self._pack = {topic.name: topic.codec.pack for topic in topics(self._axes).values() if topic.record}
-        self._visuals = Visuals(setup.machine, self._axes, setup.servo_period_ns)
+        self._visuals = Visuals(setup.actual, self._axes, setup.servo_period_ns)
         sink.write("run_info", 0, run_messages.run_info(setup, program))
 
     def _servo(self, topic: str, cycle: int, values: Any) -> None:

@@ -25,3 +25,7 @@ vertical line of a part program has none but rounding)."""
 
 SPEED_ROUNDING = 1e-15
 """1. Relative difference of two path speeds that is rounding alone: some units in the last place of a double."""
+
+OFF_MACHINE = 1e-9
+"""m, m/s, m/s^2. A coordinate that a machine of fewer than three coordinates does not move is 0 up to this: what a part
+program's decimals and an arc's end points leave."""

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given, settings
@@ -98,7 +99,7 @@ def test_every_way_to_write_a_small_number_is_read(text):
         ({"drive": {"kvv": 20.0}}, r"^drive\.kvv: unknown parameter; .*kv"),
         ({"u3": {"drive": {"kvv": 20.0}}}, r"^u3\.drive\.kvv: unknown parameter"),
         ({"u4": {"drive": {"kv": 20.0}}}, r"^u4\.drive\.kv: unknown parameter; sections are .*u3\.drive"),
-        ({"drives": {"kv": 20.0}}, r"^drives\.kv: unknown parameter; sections are drive, "),
+        ({"drives": {"kv": 20.0}}, r"^drives\.kv: unknown parameter; sections are actual\.geometry, drive, "),
         ({"servoperiod": 0.001}, r"^servoperiod: unknown parameter; .*servo_period"),
         ({"u1": {"geometry": {"strut_length": 0.6}}}, r"^u1\.geometry\.strut_length: unknown parameter"),
         ({"drive": 20.0}, r"^drive: unknown parameter"),
@@ -197,3 +198,22 @@ def test_a_file_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "mine.yaml").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(InputError, match=r"not a text file"):
         load_setup(str(tmp_path / "mine.yaml"))
+
+
+def test_the_actual_machine_is_the_nominal_one_unless_the_file_says_otherwise():
+    setup = load_setup("tripod")
+    assert setup.actual is setup.machine
+    other = load_setup("tripod", ["actual.geometry.strut_length=0.6003"])
+    assert other.machine.inverse((0.0, 0.0, 0.0))[0] == setup.machine.inverse((0.0, 0.0, 0.0))[0]
+    expected = load_setup("tripod", ["geometry.strut_length=0.6003"]).machine
+    joints = setup.machine.inverse((0.01, 0.02, 0.03))
+    np.testing.assert_array_equal(other.actual.forward(joints), expected.forward(joints))
+    again = setup_from_text(other.to_yaml())
+    np.testing.assert_array_equal(again.actual.forward(joints), expected.forward(joints))
+
+
+def test_what_cannot_be_built_is_named_as_actual():
+    with pytest.raises(InputError, match=r"^actual\.geometry\.strut_length: 0\.1 m is not above"):
+        setup_from_parameters({"machine": "tripod", "actual.geometry.strut_length": 0.1})
+    with pytest.raises(InputError, match=r"^actual\.geometry\.strut: unknown parameter"):
+        setup_from_parameters({"machine": "tripod", "actual.geometry.strut": 0.1})

@@ -26,7 +26,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _kinematics(arguments: argparse.Namespace) -> None:
-    machine = setup_of(arguments).machine
+    machine = setup_of(arguments).kinematics
     poses = [f"{name}_mm" for name in machine.coordinates]
     joints = [f"{name}_mm" for name in machine.axes]
     read, write = (poses, joints) if arguments.direction == "inverse" else (joints, poses)

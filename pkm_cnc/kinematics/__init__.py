@@ -1,8 +1,8 @@
 """Kinematics: how the joints of a machine and its TCP move each other, one module per machine.
 
 A machine is one module `<name>.py` here with one public class `<Name>` that follows the `Machine` protocol; it is
-loaded by its name and nothing else needs an edit. No machines are `machine` (the protocol) and `_pointwise`
-(arithmetic on single poses and arrays alike).
+loaded by its name and nothing else needs an edit. No machines are `machine` (the protocol), `_pointwise` (arithmetic on
+single poses and arrays alike) and `_in_space` (poses in space for a machine that moves the TCP in a plane or a line).
 """
 
 import importlib
@@ -10,9 +10,10 @@ import pkgutil
 from typing import cast
 
 from pkm_cnc.errors import InputError
-from pkm_cnc.kinematics.machine import Machine, Violation
+from pkm_cnc.kinematics._in_space import in_space
+from pkm_cnc.kinematics.machine import Machine, Motion, Violation
 
-__all__ = ["Machine", "Violation", "load_kinematics"]
+__all__ = ["Machine", "Motion", "Violation", "in_space", "load_kinematics"]
 
 
 def load_kinematics(name: str) -> type[Machine]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -10,9 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc.errors import UnreachableError
 
-__all__ = ["Array", "Machine", "Segment", "Violation", "unreachable"]
+__all__ = ["Array", "Machine", "Motion", "Segment", "Violation", "unreachable"]
 
 Array = NDArray[np.float64]
+
+Motion = Callable[[ArrayLike, ArrayLike, ArrayLike], tuple[Array, Array, Array]]
+"""From position, velocity, acceleration of the TCP to those of the joints, as `Machine.motion`."""
 
 Segment = tuple[str, Array]
 """A named open polyline of a drawing: points of shape (m, 3), m, in `base_link`."""
@@ -92,6 +95,13 @@ class Machine(Protocol):
         """u, du/dt, d2u/dt2 (..., n), m, m/s, m/s^2, of a TCP moving with `velocity` and `acceleration` (..., 3).
 
         Raises UnreachableError, also for a velocity or an acceleration that is not finite.
+        """
+
+    def setpoint_motion(self, start: ArrayLike, period: float) -> Motion:
+        """`motion` for the setpoints of successive cycles, `period` s apart, from rest at `start` (3,); one a run.
+
+        It is `motion` itself but for a redundant machine that divides the motion by what came before. Each call goes on
+        where the last one ended; how many cycles are in a call changes nothing.
         """
 
     def violations(self, tcp: ArrayLike) -> list[Violation]:

@@ -71,7 +71,7 @@ from numpy.typing import ArrayLike, NDArray
 from pkm_cnc import tolerances
 from pkm_cnc.errors import InputError, UnreachableError
 from pkm_cnc.kinematics._pointwise import Component, everywhere, pointwise, square_root
-from pkm_cnc.kinematics.machine import Array, Segment, Violation, unreachable
+from pkm_cnc.kinematics.machine import Array, Motion, Segment, Violation, unreachable
 from pkm_cnc.parameters import parameter, read_section
 
 __all__ = ["Tripod"]
@@ -219,6 +219,10 @@ class Tripod:
         """
         result = pointwise(self._motion, tcp, velocity, acceleration)
         return result[..., 0, :], result[..., 1, :], result[..., 2, :]
+
+    def setpoint_motion(self, start: ArrayLike, period: float) -> Motion:
+        """`motion`: three drives have no choice."""
+        return self.motion
 
     def violations(self, tcp: ArrayLike) -> list[Violation]:
         """Why poses `tcp` (..., 3) cannot be used: not finite, a strut too short, wrong branch, singular; by row."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from pkm_cnc import run_messages
 from pkm_cnc.contour import ContourMonitor, in_position
+from pkm_cnc.kinematics import Machine
 from pkm_cnc.messages import deserialize
 from pkm_cnc.nodes.graph_node import GraphNode
 from pkm_cnc.nodes.in_order import InOrder
@@ -30,7 +31,7 @@ class ContourMonitorNode(GraphNode):
     def prepare(self) -> None:
         """Make the monitor."""
         self._monitor = ContourMonitor()
-        self._visuals = Visuals(self.setup.machine, tuple(self.setup.axes), self.setup.servo_period_ns)
+        self._visuals = Visuals(self.setup.actual, tuple(self.setup.axes), self.setup.servo_period_ns)
         self._ahead: deque[Element] = deque()
         self._segments = InOrder(SEGMENT, "segment")
         self._stride = max(1, self.setup.graph.window // 4)
@@ -63,8 +64,8 @@ class ContourMonitorNode(GraphNode):
         """Judge one cycle."""
         setpoint = TcpSetpoint(*inputs[0])
         states = [AxisState(*values) for values in inputs[1:]]
-        believed = self._tcp([state.position for state in states])
-        true = self._tcp([state.slider_position for state in states])
+        believed = _tcp(self.setup.machine, [state.position for state in states])
+        true = _tcp(self.setup.actual, [state.slider_position for state in states])
         tcp, error = self._monitor.step(setpoint, believed, true)
         while (
             self._segments.expected - len(self._ahead) <= setpoint.segment
@@ -82,9 +83,10 @@ class ContourMonitorNode(GraphNode):
             rests = in_position(setpoint, believed, self._tolerance)
             self.publish("contour_monitor/progress", cycle, (rests,))
 
-    def _tcp(self, joints: list[float]) -> Vector:
-        x, y, z = self.setup.machine.forward(joints).tolist()
-        return x, y, z
+
+def _tcp(machine: Machine, joints: list[float]) -> Vector:
+    x, y, z = machine.forward(joints).tolist()
+    return x, y, z
 
 
 def main() -> None:

@@ -15,13 +15,14 @@ class InverseKinematicsNode(GraphNode):
     """tcp/setpoint -> u1/setpoint, u2/setpoint, ...: position, velocity and acceleration, analytic."""
 
     def prepare(self) -> None:
-        """Names of the topics to publish."""
+        """Names of the topics to publish; the motion from rest at the start pose."""
+        self._motion = self.setup.machine.setpoint_motion(self.setup.start_pose, self.setup.servo_period)
         self._names = [f"{axis}/setpoint" for axis in self.setup.axes]
 
     def step(self, cycle: int, inputs: list[tuple[Any, ...]]) -> None:
         """Transform one setpoint."""
         tcp = inputs[0]
-        motion = self.setup.machine.motion(tcp[0:3], tcp[3:6], tcp[6:9])
+        motion = self._motion(tcp[0:3], tcp[3:6], tcp[6:9])
         for name, setpoint in zip(self._names, zip(*(part.tolist() for part in motion), strict=True), strict=True):
             self.publish(name, cycle, setpoint)
 
