@@ -32,6 +32,7 @@ class Parameter:
     maximum: float | None
     choices: tuple[str, ...]
     length: int | None
+    """Of a tuple; None = any but 0."""
 
     def check(self, value: object, key: str) -> Value:
         """Return `value` in this parameter's type.
@@ -54,7 +55,9 @@ class Parameter:
         return value
 
     def _check_numbers(self, values: list[object] | tuple[object, ...], key: str) -> tuple[float, ...]:
-        if len(values) != self.length:
+        if not values:
+            raise InputError(f"{key}: no numbers given")
+        if self.length is not None and len(values) != self.length:
             raise InputError(f"{key}: {len(values)} numbers given, {self.length} wanted")
         numbers = []
         for index, value in enumerate(values):
@@ -95,12 +98,14 @@ def parameter(
     minimum: float | None = None,
     maximum: float | None = None,
     choices: tuple[str, ...] = (),
+    any_length: bool = False,
 ) -> Any:
     """A dataclass field that is a parameter: default (its type is the parameter's), meaning, unit, bounds.
 
-    `above` is an exclusive lower bound. A tuple is a list of as many numbers, each within the bounds.
+    `above` is an exclusive lower bound. A tuple is a list of as many numbers, or with `any_length` of one or more, each
+    within the bounds.
     """
-    length = len(default) if isinstance(default, tuple) else None
+    length = len(default) if isinstance(default, tuple) and not any_length else None
     spec = Parameter("", default, doc, unit, above, minimum, maximum, choices, length)
     return dataclasses.field(default=default, metadata={"parameter": spec})
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from pkm_cnc.config import load_setup, machine_files, setup_from_parameters, setup_from_text
 from pkm_cnc.errors import InputError
+from pkm_cnc.parameters import parameter, read_section
 
 TRIPOD = machine_files()["tripod"].read_text(encoding="utf-8")
 
@@ -217,3 +218,16 @@ def test_what_cannot_be_built_is_named_as_actual():
         setup_from_parameters({"machine": "tripod", "actual.geometry.strut_length": 0.1})
     with pytest.raises(InputError, match=r"^actual\.geometry\.strut: unknown parameter"):
         setup_from_parameters({"machine": "tripod", "actual.geometry.strut": 0.1})
+
+
+def test_a_list_of_any_length_has_at_least_one_number():
+    @dataclasses.dataclass(frozen=True)
+    class Options:
+        feeds: tuple[float, ...] = parameter((1.0, 2.0), "feeds", unit="mm/min", above=0.0, any_length=True)
+
+    assert read_section(Options, {"feeds": [3.0]}, "").feeds == (3.0,)
+    assert read_section(Options, {"feeds": [3.0, 4, 5.0]}, "").feeds == (3.0, 4.0, 5.0)
+    with pytest.raises(InputError, match=r"^feeds: no numbers given"):
+        read_section(Options, {"feeds": []}, "")
+    with pytest.raises(InputError, match=r"^feeds\[1\]: -1\.0 mm/min is not above 0"):
+        read_section(Options, {"feeds": [1.0, -1.0]}, "")

@@ -23,19 +23,21 @@ END
 
 echo '== python3.10 (decides)'
 resolve python3.10 "$work/oldest"
-cp "$work/oldest" "$work/everywhere"
-for python in python3.11 python3.12 python3.13; do
-  echo "== $python"
-  resolve "$python" "$work/newer" --constraint "$work/oldest"
-  new=$(comm -13 "$work/oldest" "$work/newer")
-  [ -z "$new" ] || { echo "only on $python: $new; add them to requirements.in" >&2; exit 1; }
-  comm -12 "$work/everywhere" "$work/newer" >"$work/both"
-  mv "$work/both" "$work/everywhere"
+for minor in 11 12 13; do
+  echo "== python3.$minor"
+  resolve "python3.$minor" "$work/3.$minor" --constraint "$work/oldest"
+  new=$(comm -13 "$work/oldest" "$work/3.$minor")
+  [ -z "$new" ] || { echo "only on python3.$minor: $new; add them to requirements.in" >&2; exit 1; }
 done
 {
   echo '# Exact versions of everything in .venv, for CPython 3.10 to 3.13 on x86-64 Linux. Written by `make lock` from'
   echo '# requirements.in.'
   while read -r line; do
-    grep -qxF "$line" "$work/everywhere" && echo "$line" || echo "$line ; python_version < \"3.11\""
+    marker=
+    for minor in 13 12 11; do # a package that a newer Python does without is needed below it
+      grep -qxF "$line" "$work/3.$minor" && break
+      marker=" ; python_version < \"3.$minor\""
+    done
+    echo "$line$marker"
   done <"$work/oldest"
 } >requirements.lock
