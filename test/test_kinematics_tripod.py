@@ -3,7 +3,9 @@
 import dataclasses
 import itertools
 import math
+from functools import partial
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,28 +24,53 @@ SKEW = Tripod(
         base_radius=0.41, platform_radius=0.12, strut_length=0.77, azimuth=(0.3, 2.1, 4.6), tool=(0.031, -0.017, -0.09)
     )
 )
-MACHINES = pytest.mark.parametrize("machine", [NOMINAL, SKEW], ids=["nominal", "skew"])
+# Both with what an assembled machine has: every strut, column and base point off by its own.
+BUILT = Tripod(
+    Tripod.Geometry(
+        strut_length_error=(0.0013, -0.0021, 0.0007),
+        base_radius_error=(-0.0009, 0.0016, 0.0011),
+        azimuth_error=(0.004, -0.002, 0.003),
+        base_height=(0.012, -0.007, 0.003),
+    )
+)
+WARPED = Tripod(
+    dataclasses.replace(
+        SKEW.geometry,
+        strut_length_error=(0.05, -0.08, 0.02),
+        base_radius_error=(-0.06, 0.03, 0.07),
+        azimuth_error=(0.2, -0.1, 0.15),
+        base_height=(0.3, -0.2, 0.05),
+    )
+)
+MACHINES = pytest.mark.parametrize(
+    "machine", [NOMINAL, SKEW, BUILT, WARPED], ids=["nominal", "skew", "built", "warped"]
+)
+
+
+def chain(geometry):
+    """Base points B_i (3, 3), platform joints A_i about the platform's centre (3, 3), lengths (3,), in long double."""
+    azimuth = np.asarray(geometry.azimuth, dtype=np.longdouble)
+    turned = azimuth + np.asarray(geometry.azimuth_error, dtype=np.longdouble)
+    radius = np.longdouble(geometry.base_radius) + np.asarray(geometry.base_radius_error, dtype=np.longdouble)
+    base = np.stack([radius * np.cos(turned), radius * np.sin(turned), np.asarray(geometry.base_height)], axis=1)
+    joints = np.longdouble(geometry.platform_radius) * np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=1)
+    return base, joints, np.longdouble(geometry.strut_length) + np.asarray(geometry.strut_length_error)
 
 
 def slider_heights(geometry, tcp):
     """Vectors from the thesis' closed chain (6-1), |L_i| by Pythagoras, in long double: u (N, 3) and h (N, 3)."""
+    base, joints, lengths = chain(geometry)
     tcp = np.atleast_2d(np.asarray(tcp, dtype=np.longdouble))
-    azimuth = np.asarray(geometry.azimuth, dtype=np.longdouble)
-    tool = np.asarray(geometry.tool, dtype=np.longdouble)
-    centre = tcp - tool
-    joint_x = centre[:, :1] + np.longdouble(geometry.platform_radius) * np.cos(azimuth)
-    joint_y = centre[:, 1:2] + np.longdouble(geometry.platform_radius) * np.sin(azimuth)
-    across = (joint_x - np.longdouble(geometry.base_radius) * np.cos(azimuth)) ** 2
-    across = across + (joint_y - np.longdouble(geometry.base_radius) * np.sin(azimuth)) ** 2
+    across = (tcp - np.asarray(geometry.tool))[:, None] + joints - base
     with np.errstate(invalid="ignore"):
-        heights = np.sqrt(np.longdouble(geometry.strut_length) ** 2 - across)
-    return centre[:, 2:] + heights, heights
+        heights = np.sqrt(lengths**2 - across[..., 0] ** 2 - across[..., 1] ** 2)
+    return across[..., 2] + heights, heights
 
 
 def reachable(machine, count, seed, margin=0.0):
     """`count` random poses over the whole workspace, all struts at least `margin` high."""
     rng = np.random.default_rng(seed)
-    span = machine.geometry.strut_length
+    span = machine.geometry.strut_length + max(machine.geometry.strut_length_error)
     poses = rng.uniform((-span, -span, -2.0), (span, span, 2.0), (12 * count, 3)) + machine.geometry.tool
     poses = poses[(slider_heights(machine.geometry, poses)[1] > margin).all(axis=1)][:count]
     assert len(poses) == count
@@ -62,8 +89,8 @@ def derivative(function, order, step):
 
 
 @MACHINES
-def test_round_trip_of_100000_poses(machine):
-    poses = reachable(machine, 100_000, seed=1)
+def test_round_trip_of_50000_poses(machine):
+    poses = reachable(machine, 50_000, seed=1)
     joints = machine.inverse(poses)
     closed, newton = machine.forward(joints), machine.forward_newton(joints)
     assert np.abs(joints - slider_heights(machine.geometry, poses)[0]).max() < 1e-9  # worst at the border
@@ -100,15 +127,13 @@ def test_tool_vector_leads_from_platform_to_tcp():
 
 @MACHINES
 def test_forward_agrees_with_a_general_solver(machine):
-    geometry = machine.geometry
-    radial = np.array([(math.cos(phi), math.sin(phi), 0.0) for phi in geometry.azimuth])
+    base, platform, lengths = (part.astype(float) for part in chain(machine.geometry))
     for pose in reachable(machine, 10, seed=4, margin=0.1):
         joints = machine.inverse(pose)
 
         def excess_length(tcp, joints=joints):
-            corners = tcp - geometry.tool + geometry.platform_radius * radial
-            sliders = geometry.base_radius * radial + np.outer(joints, (0.0, 0.0, 1.0))
-            return np.linalg.norm(corners - sliders, axis=1) - geometry.strut_length
+            sliders = base + np.outer(joints, (0.0, 0.0, 1.0))
+            return np.linalg.norm(tcp - machine.geometry.tool + platform - sliders, axis=1) - lengths
 
         solution = fsolve(excess_length, pose + np.array((0.01, -0.02, -0.03)), xtol=1e-13)
         assert np.abs(machine.forward(joints) - solution).max() < 1e-11
@@ -232,6 +257,91 @@ def test_a_turn_by_120_degrees_exchanges_the_struts(radius, angle, z):
     assert np.roll(here, 1) == pytest.approx(turned, abs=1e-13)
 
 
+def exact_slider(geometry, strut, tcp):
+    """u of one strut from |B + E - (P - W + A)| = L, solved for u by mpmath; the upper root."""
+    phi, exact = geometry.azimuth[strut], mpmath.mpf
+    radius = exact(geometry.base_radius) + geometry.base_radius_error[strut]
+    turned = exact(phi) + geometry.azimuth_error[strut]
+    length = exact(geometry.strut_length) + geometry.strut_length_error[strut]
+    x, y, z = (p - exact(w) for p, w in zip(tcp, geometry.tool, strict=True))
+    x = radius * mpmath.cos(turned) - x - exact(geometry.platform_radius) * mpmath.cos(phi)
+    y = radius * mpmath.sin(turned) - y - exact(geometry.platform_radius) * mpmath.sin(phi)
+    # u^2 + p u + q = 0 of the squared closure, with p = 2 (H - z)
+    p = 2 * (exact(geometry.base_height[strut]) - z)
+    q = x * x + y * y + (p / 2) ** 2 - length * length
+    return -p / 2 + mpmath.sqrt(p * p / 4 - q)
+
+
+@pytest.mark.parametrize("machine", [BUILT, WARPED], ids=["built", "warped"])
+def test_derivatives_against_differences_of_the_closure_in_50_digits(machine):
+    rng = np.random.default_rng(20)
+    for pose in reachable(machine, 12, seed=21, margin=0.1):
+        exact = [mpmath.mpf(float(p)) for p in pose]
+        direction = rng.normal(size=3)
+        direction /= np.linalg.norm(direction)
+        jacobian, second = machine.jacobian(pose), machine.second_derivative(pose, direction)
+        with mpmath.workdps(50):
+            for strut in range(3):
+
+                def along(s, way, strut=strut, exact=exact):
+                    return exact_slider(machine.geometry, strut, [p + s * w for p, w in zip(exact, way, strict=True)])
+
+                assert machine.inverse(pose)[strut] == pytest.approx(float(along(0, (0, 0, 0))), abs=1e-15)
+                for column, unit in enumerate(np.eye(3).tolist()):
+                    slope = mpmath.diff(partial(along, way=unit), 0)
+                    assert jacobian[strut, column] == pytest.approx(float(slope), abs=1e-13)
+                bend = mpmath.diff(partial(along, way=direction.tolist()), 0, 2)
+                assert second[strut] == pytest.approx(float(bend), rel=1e-12, abs=1e-12)
+
+
+def test_unequal_struts_enter_the_forward_kinematics_by_their_squares():
+    """Sliders level, so the planes between the spheres are vertical: the TCP's place follows by hand."""
+    lengths = np.array((0.61, 0.58, 0.60))
+    machine = Tripod(Tripod.Geometry(strut_length_error=tuple((lengths - 0.6).tolist())))
+    columns = 0.363 * np.stack([np.cos(NOMINAL.geometry.azimuth), np.sin(NOMINAL.geometry.azimuth)], axis=1)
+    # columns at equal distance from the axis: 2 (c_1 - c_i) . P = L_i^2 - L_1^2
+    place = np.linalg.solve(2.0 * (columns[0] - columns[1:]), lengths[1:] ** 2 - lengths[0] ** 2)
+    depth = math.sqrt(lengths[0] ** 2 - ((place - columns[0]) ** 2).sum())
+    assert np.linalg.norm(place) > 0.01
+    for forward in (machine.forward, machine.forward_newton):
+        assert forward((0.5, 0.5, 0.5)) == pytest.approx([*place, 0.5 - depth], abs=1e-15)
+
+
+def test_a_base_point_that_is_higher_is_a_slider_that_is_lower():
+    height = np.array((0.02, -0.03, 0.1))
+    lifted = Tripod(Tripod.Geometry(base_height=tuple(height.tolist())))
+    poses = reachable(NOMINAL, 100, seed=22, margin=0.1)
+    assert np.abs(lifted.inverse(poses) + height - NOMINAL.inverse(poses)).max() < 1e-15
+    assert np.abs(lifted.forward(NOMINAL.inverse(poses) - height) - poses).max() < 1e-14
+
+
+def test_a_turned_column_leaves_its_platform_joint_where_it_is():
+    """Strut 1 of a machine whose column 1 is turned by 90 deg, at the origin: it spans from column to joint."""
+    machine = Tripod(Tripod.Geometry(azimuth=(0.0, 2.0, 4.0), azimuth_error=(math.pi / 2.0, 0.0, 0.0)))
+    span = math.hypot(0.513, 0.150)
+    assert machine.inverse((0.0, 0.0, 0.0))[0] == pytest.approx(math.sqrt(0.6**2 - span**2), abs=1e-15)
+
+
+def test_struts_of_unequal_length_that_just_meet_are_told_so():
+    machine = Tripod(Tripod.Geometry(strut_length_error=(0.05, -0.02, 0.0)))
+    [violation] = machine.joint_violations((0.4, 0.4, 1.9))
+    assert violation.axis == "u3"
+    # with the strut at fault, and the others, longer by the same square they meet, with a little less they do not
+    squares = np.array((0.65, 0.58, 0.6)) ** 2
+    missing = (0.6 + violation.excess) ** 2 - 0.6**2
+    for share, meets in ((1.000001, True), (0.999999, False)):
+        longer = np.sqrt(squares + share * missing) - 0.6
+        other = Tripod(Tripod.Geometry(strut_length_error=tuple(longer.tolist())))
+        assert ("do not meet" not in " ".join(map(str, other.joint_violations((0.4, 0.4, 1.9))))) == meets
+
+
+def test_neutral_errors_change_no_bit():
+    """The columns of a machine as drawn stand where the formula without errors puts them, to the last bit."""
+    phi = NOMINAL.geometry.azimuth[1]
+    dx, dy = 0.1 - (0.513 - 0.15) * math.cos(phi), 0.2 - (0.513 - 0.15) * math.sin(phi)
+    assert NOMINAL.inverse((0.1, 0.2, 0.3))[1] == 0.3 + math.sqrt(0.6 * 0.6 - (dx * dx + dy * dy))
+
+
 def test_unreachable_pose_names_row_strut_and_excess():
     column = np.array((0.363 * math.cos(math.radians(165.0)), 0.363 * math.sin(math.radians(165.0))))
     outward = -column / np.linalg.norm(column)
@@ -261,9 +371,9 @@ def test_violations_are_exactly_the_poses_out_of_reach(machine):
             machine.inverse(poses[row])
     # moved back towards its column by a little more than the excess, the strut reaches again
     for v in found[:200]:
-        azimuth = machine.geometry.azimuth[int(v.axis[1]) - 1]
-        offset = machine.geometry.base_radius - machine.geometry.platform_radius
-        column = offset * np.array((math.cos(azimuth), math.sin(azimuth))) + machine.geometry.tool[:2]
+        strut = int(v.axis[1]) - 1
+        base, platform, _ = (part.astype(float) for part in chain(machine.geometry))
+        column = (base - platform)[strut, :2] + machine.geometry.tool[:2]
         way = (column - poses[v.row, :2]) / np.linalg.norm(column - poses[v.row, :2])
         for share, free in ((0.999999, False), (1.000001, True)):
             moved = np.append(poses[v.row, :2] + share * v.excess * way, 0.0)
@@ -306,7 +416,7 @@ def mirrored(machine, poses, struts):
 @MACHINES
 @pytest.mark.parametrize("forward", ["forward", "forward_newton"])
 def test_never_a_pose_with_the_platform_above_a_slider(machine, forward):
-    poses = reachable(machine, 150, seed=16, margin=0.01)
+    poses = reachable(machine, 80, seed=16, margin=0.01)
     refused = 0
     for struts in ([0], [1], [2], [0, 1], [1, 2], [0, 2], [0, 1, 2]):
         for joints, violations in (
@@ -320,9 +430,9 @@ def test_never_a_pose_with_the_platform_above_a_slider(machine, forward):
                 continue
             assert not violations
             # these sliders hold the platform in a right pose too: it is that one and not the one it was made of
-            assert (tcp[2] - machine.geometry.tool[2] < joints).all()
+            assert (tcp[2] - machine.geometry.tool[2] < joints + machine.geometry.base_height).all()
             assert np.abs(machine.inverse(tcp) - joints).max() < 1e-9
-    assert refused > 150
+    assert refused > 80
 
 
 def test_wrong_branch_names_slider_and_excess():
@@ -424,6 +534,37 @@ def test_singularity_inside_a_workspace_is_found_and_what_is_beyond_refused():
         ({"azimuth": (0.0, 1.0, math.tau)}, r"geometry\.azimuth: .* two columns stand at the same"),
         ({"azimuth": (0.0, 1.0)}, r"geometry\.azimuth: 2 numbers given, 3 wanted"),
         ({"tool": (0.0, math.nan, 0.0)}, r"geometry\.tool\[1\]: nan is not a finite number"),
+        ({"base_radius": 0.0}, r"geometry\.base_radius: 0\.0 m is not above 0\.0 m"),
+        (
+            {"strut_length_error": (0.0, -0.3, 0.0)},
+            r"geometry\.strut_length: 0\.3 m is not above 0\.363 m, the distance that strut u2 .* errors included",
+        ),
+        ({"base_radius_error": (0.0, 0.0, 0.25)}, r"geometry\.strut_length: 0\.6 m is not above 0\.613 m.* strut u3"),
+        (
+            {"strut_length_error": (-0.6, 0.0, 0.0)},
+            r"geometry\.strut_length_error\[0\]: -0\.6 m leaves 0 m of geometry\.strut_length: it must stay above 0",
+        ),
+        (
+            {"base_radius_error": (0.0, 0.0, -0.513)},
+            r"geometry\.base_radius_error\[2\]: -0\.513 m leaves 0 m of geometry\.base_radius: it must stay above 0",
+        ),
+        (
+            {"azimuth": (0.0, 0.5, 3.0), "azimuth_error": (0.5, 0.0, 0.0)},
+            r"geometry\.azimuth: .* two columns stand at the same place, those of u1 and u2, errors included",
+        ),
+        (  # columns and platform joints apart, but one less the other in one line
+            {
+                "azimuth": (0.0, math.pi / 2.0, math.pi),
+                "platform_radius": 0.2,
+                "base_radius_error": (0.0, 0.2 - 0.513, 0.0),
+            },
+            r"geometry\.azimuth: .* the columns less their platform joints stand in one line",
+        ),
+        ({"strut_length_error": (0.0, math.nan, 0.0)}, r"geometry\.strut_length_error\[1\]: nan is not a finite"),
+        ({"base_radius_error": (math.inf, 0.0, 0.0)}, r"geometry\.base_radius_error\[0\]: inf is not a finite"),
+        ({"azimuth_error": (0.0, 0.0, math.nan)}, r"geometry\.azimuth_error\[2\]: nan is not a finite number"),
+        ({"base_height": (0.0, -math.inf, 0.0)}, r"geometry\.base_height\[1\]: -inf is not a finite number"),
+        ({"base_height": (0.0, 0.0)}, r"geometry\.base_height: 2 numbers given, 3 wanted"),
     ],
 )
 def test_geometry_that_cannot_be_built_is_refused_with_its_key(changes, message):
@@ -442,14 +583,16 @@ def test_sketch_is_the_machine(machine):
         "tool",
     ]
     geometry = machine.geometry
+    base, platform, lengths = chain(geometry)
     for index, (axis, u) in enumerate(zip(machine.axes, joints, strict=True)):
         top, bottom = lines[f"strut {axis}"]
-        assert np.linalg.norm(top - bottom) == pytest.approx(geometry.strut_length, abs=1e-14)
-        assert top[2] == u
-        assert np.hypot(*top[:2]) == pytest.approx(geometry.base_radius, abs=1e-15)
+        assert np.linalg.norm(top - bottom) == pytest.approx(float(lengths[index]), abs=1e-14)
+        assert np.abs(top - base[index] - (0.0, 0.0, u)).max() < 1e-15
+        assert np.abs(bottom - (pose - geometry.tool) - platform[index]).max() < 1e-15
         column = lines[f"column {axis}"]
         assert (column[:, :2] == top[:2]).all()
-        assert column[0, 2] <= u <= column[1, 2]
+        assert column[0, 2] <= geometry.base_height[index]
+        assert column[0, 2] <= top[2] <= column[1, 2]
         assert (lines["platform"][index] == bottom).all()
     assert (lines["platform"][0] == lines["platform"][3]).all()
     assert lines["tool"][1] == pytest.approx(pose, abs=0.0)

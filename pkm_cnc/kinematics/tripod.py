@@ -1,20 +1,23 @@
 """Tripod: three sliders on vertical columns carry, by struts of constant length, a platform that cannot rotate.
 
-Geometry (thesis 6-1, Fig. 6-7). Strut i leads from the slider joint B_i + E_i, on the column at radius Rb and azimuth
-phi_i, to the platform joint P - W + A_i, at radius Rp and the same azimuth about the platform's centre P - W:
+Geometry (thesis 6-1, Fig. 6-7). Strut i leads from the slider joint B_i + E_i, on its column, to the platform joint
+P - W + A_i, at radius Rp and azimuth phi_i about the platform's centre P - W:
 
-    B_i + E_i + L_i - A_i + W - P = 0,  B_i = Rb (cos phi_i, sin phi_i, 0),  A_i = Rp (cos phi_i, sin phi_i, 0),
+    B_i + E_i + L_i - A_i + W - P = 0,   A_i = Rp (cos phi_i, sin phi_i, 0),   E_i = (0, 0, u_i),
+    B_i = ((Rb + dRb_i) cos(phi_i + dphi_i), (Rb + dRb_i) sin(phi_i + dphi_i), H_i),   |L_i| = L + dL_i,
 
-E_i = (0, 0, u_i), W the tool vector from the platform's centre to the TCP P. Because the platform only translates,
-strut i keeps the TCP on a sphere of radius |L_i| = L about
+W the tool vector from the platform's centre to the TCP P. What a real machine has that a drawing has not, is by strut:
+its length error dL_i, the errors dRb_i and dphi_i of where its column stands (the platform joint stays, as with the
+tower angle offsets of delta printers), and the height H_i of its base point, which is where its slider is at u_i = 0.
+Because the platform only translates, strut i keeps the TCP on a sphere of radius |L_i| about
 
-    C_i = (c_i, u_i + Wz),  c_i = B_i - A_i + (Wx, Wy)                          (6-12..6-14 corrected, W taken in)
+    C_i = (c_i, u_i + H_i + Wz),  c_i = (B_i - A_i + W)_xy                      (6-12..6-14 corrected, W taken in)
 
-and these three spheres are all the kinematics needs: unequal struts only change c_i, their height and L_i.
+and these three spheres, each with its own radius and height, are all the kinematics needs.
 
 Inverse (6-4). With d_i = (x, y) - c_i, which is what strut i spans horizontally,
 
-    h_i = sqrt(L_i^2 - d_i . d_i),   u_i = z - Wz + h_i.
+    h_i = sqrt(L_i^2 - d_i . d_i),   u_i = z - Wz - H_i + h_i.
 
 The root is positive: the sliders are above the platform. A pose is out of reach of strut i if |d_i| >= L_i.
 
@@ -37,8 +40,9 @@ normal to the plane of the three slider joints C_i. Put into sphere 1, a q_z^2 +
     a = i^2 + k^2 + 1,   b = i j + k l,   c = j^2 + l^2 - L_1^2,   q_z = (-b - sqrt(b^2 - a c)) / a.
 
 The line runs upward, so the lower root is the TCP below the plane of the slider joints; the upper root is its mirror
-image in that plane. The pose counts if it is also below every single slider joint. Only differences of the u_i enter,
-so a high common position of the sliders costs no accuracy.
+image in that plane. The pose counts if it is also below every single slider joint. Only differences of the u_i + H_i
+enter, so a high common position of the sliders costs no accuracy. Without a root (b^2 < a c) the struts do not meet;
+struts of sqrt(L_i^2 + (a c - b^2) / a), longer but on the same planes, would meet in the plane of the slider joints.
 
 Forward, Newton (6-15, 6-16 corrected). f_i(P) = |P - C_i|^2 - L_i^2, rows of its Jacobi matrix 2 (P - C_i). The
 differences of the f_i are linear, so from the first step on the iterates are on the line above; there the iteration is
@@ -52,10 +56,11 @@ Singularities. Row i of J is parallel to strut i, divided by h_i, so
 
       clearance = w_1 h_1 + w_2 h_2 + w_3 h_3
 
-  above the TCP. Within the triangle all w_i are positive, and so is the clearance. With columns spaced by 120 deg it is
-  positive in all the workspace: the w_i add up to 1; beyond a corner c_1 only w_1 is positive, and h_1 is the largest;
-  beyond a side c_2 c_3 only w_1 is negative, and h_1 is the smallest. Only other azimuths can have such a singularity
-  inside the workspace; the poses beyond it are on the wrong branch and are refused.
+  above the TCP, whatever the lengths of the struts. Within the triangle all w_i are positive, and so is the clearance.
+  With equal struts and columns spaced by 120 deg it is positive in all the workspace: the w_i add up to 1; beyond a
+  corner c_1 only w_1 is positive, and h_1 is the largest; beyond a side c_2 c_3 only w_1 is negative, and h_1 is the
+  smallest. Other machines can have such a singularity inside the workspace; the poses beyond it are on the wrong branch
+  and are refused.
 """
 
 from __future__ import annotations
@@ -74,7 +79,7 @@ from pkm_cnc.kinematics._pointwise import Component, everywhere, pointwise, squa
 from pkm_cnc.kinematics.machine import Array, Motion, Segment, Violation, unreachable
 from pkm_cnc.parameters import parameter, read_section
 
-__all__ = ["Tripod"]
+__all__ = ["Tripod", "TripodGeometry"]
 
 NEWTON_STEPS = 60
 """A far step halves the distance to the root, a near one squares its relative error: enough from 1e15 m away."""
@@ -83,8 +88,8 @@ Components = Sequence[Component]
 
 
 @dataclasses.dataclass(frozen=True)
-class _Geometry:
-    """Geometry of the Tripod, thesis Table 6-1."""
+class TripodGeometry:
+    """Geometry of the Tripod, thesis Table 6-1, and by strut in what the machine is not as drawn (all 0 there)."""
 
     base_radius: float = parameter(0.513, "radius Rb of the slider joints about the z axis", unit="m", above=0.0)
     platform_radius: float = parameter(
@@ -99,14 +104,29 @@ class _Geometry:
     tool: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), "tool vector W from the platform's centre to the TCP", unit="m"
     )
+    strut_length_error: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "by strut: how much longer than L it is", unit="m"
+    )
+    base_radius_error: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "by strut: how much further than Rb its column stands from the z axis", unit="m"
+    )
+    azimuth_error: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0),
+        "by strut: how much its column, not its platform joint, is turned about the z axis, counter-clockwise",
+        unit="rad",
+    )
+    base_height: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "by strut: z of its base point, where its slider is at u = 0", unit="m"
+    )
 
 
 class _Sphere(NamedTuple):
-    """Where strut i keeps the TCP: centre (x, y, u_i + z), squared radius, m and m^2."""
+    """Where strut i keeps the TCP: centre (x, y, u_i + z), radius and its square, m and m^2."""
 
     x: float
     y: float
     z: float
+    radius: float
     square: float
 
 
@@ -127,43 +147,26 @@ class _Meeting(NamedTuple):
 class Tripod:
     """Kinematics of the Tripod; see `pkm_cnc.kinematics.Machine` for what each function answers, this module for how.
 
-    u_i is the z of slider i in `base_link`. `geometry` is the checked geometry.
+    u_i is the z of slider i in `base_link`, above its base point. `geometry` is the checked geometry.
     """
 
-    Geometry: ClassVar[type[Any]] = _Geometry
+    Geometry: ClassVar[type[Any]] = TripodGeometry
     axes: ClassVar[tuple[str, ...]] = ("u1", "u2", "u3")
     coordinates: ClassVar[tuple[str, ...]] = ("x", "y", "z")
 
-    def __init__(self, geometry: _Geometry) -> None:
+    def __init__(self, geometry: TripodGeometry) -> None:
         """Take the geometry. Raises InputError naming key and bound if the struts cannot hold the platform."""
-        self.geometry = read_section(_Geometry, vars(geometry), "geometry.")
-        offset = self.geometry.base_radius - self.geometry.platform_radius
-        length = self.geometry.strut_length
-        if not length > abs(offset):
-            raise InputError(
-                f"geometry.strut_length: {length} m is not above {abs(offset):.6g} m, the distance between "
-                "geometry.base_radius and geometry.platform_radius that the struts span"
-            )
-        if not abs(offset) > tolerances.SINGULAR * length:
-            raise InputError(
-                f"geometry.platform_radius: {self.geometry.platform_radius} m equals geometry.base_radius: "
-                "parallel struts do not hold the platform"
-            )
-        tool_x, tool_y, tool_z = self.geometry.tool
-        spheres = [
-            _Sphere(offset * math.cos(azimuth) + tool_x, offset * math.sin(azimuth) + tool_y, tool_z, length * length)
-            for azimuth in self.geometry.azimuth
-        ]
-        self._spheres = tuple(spheres)
-        first, second, third = spheres
+        self.geometry = read_section(TripodGeometry, vars(geometry), "geometry.")
+        self._columns = _columns(self.geometry)
+        self._spheres = tuple(
+            _sphere(self.geometry, strut, column[0], column[1]) for strut, column in enumerate(self._columns)
+        )
+        self._check_spans()
+        first, second, third = self._spheres
         self._e2 = second.x - first.x, second.y - first.y
         self._e3 = third.x - first.x, third.y - first.y
         self._cross = self._e2[0] * self._e3[1] - self._e3[0] * self._e2[1]
-        if not abs(self._cross) > tolerances.SINGULAR * offset * offset:
-            raise InputError(
-                f"geometry.azimuth: {', '.join(map(str, self.geometry.azimuth))} rad: two columns stand at the same "
-                "azimuth, three different ones are needed"
-            )
+        self._check_columns()
 
     def inverse(self, tcp: ArrayLike) -> Array:
         """u (..., 3), m, of the poses `tcp` (..., 3), m, in `base_link` (6-4).
@@ -268,7 +271,7 @@ class Tripod:
             meets = meeting.discriminant > 0.0
             depth = self._depth(meeting)
             above = depth[:, None] - np.stack((0.0 * depth, meeting.z2, meeting.z3), axis=1)
-            missing = np.sqrt(self._spheres[0].square - meeting.discriminant / meeting.a)
+            missing = -meeting.discriminant / meeting.a
         for row in np.flatnonzero(finite & ~meets).tolist():
             found.append(self._apart(row, rows[row], float(missing[row])))
         for row, strut in np.argwhere((finite & meets)[:, None] & ~(above < 0.0)).tolist():
@@ -286,24 +289,63 @@ class Tripod:
         """Named lines of columns, struts, platform and tool for `joints` (3,) and `tcp` (3,), m, in `base_link`.
 
         "column u1" (2, 3), "strut u1" (2, 3) from slider joint to platform joint, ..., "platform" (4, 3), closed,
-        "tool" (2, 3). The columns stand on z = 0, two strut lengths high or as far as their sliders are.
+        "tool" (2, 3). The columns stand on their base points, two strut lengths high or as far as their sliders are.
         """
         geometry = self.geometry
         end = np.asarray(tcp, dtype=float)
         centre = end - np.array(geometry.tool)
         radial = np.array([(math.cos(azimuth), math.sin(azimuth), 0.0) for azimuth in geometry.azimuth])
         corners = centre + geometry.platform_radius * radial
+        feet = [np.array((*column, height)) for column, height in zip(self._columns, geometry.base_height, strict=True)]
         segments: list[Segment] = []
         for axis, foot, corner, slider in zip(
-            self.axes, geometry.base_radius * radial, corners, np.asarray(joints, dtype=float).tolist(), strict=True
+            self.axes, feet, corners, np.asarray(joints, dtype=float).tolist(), strict=True
         ):
             low, joint, high = (
-                foot + np.array((0.0, 0.0, z))
-                for z in (min(0.0, slider), slider, max(2.0 * geometry.strut_length, slider))
+                foot + np.array((0.0, 0.0, u))
+                for u in (min(0.0, slider), slider, max(2.0 * geometry.strut_length, slider))
             )
             segments.append((f"column {axis}", np.stack((low, high))))
             segments.append((f"strut {axis}", np.stack((joint, corner))))
         return [*segments, ("platform", corners[[0, 1, 2, 0]]), ("tool", np.stack((centre, end)))]
+
+    def _spans(self) -> list[float]:
+        """What the struts span horizontally when the platform's centre is on the z axis, m."""
+        tool_x, tool_y, _ = self.geometry.tool
+        return [math.hypot(sphere.x - tool_x, sphere.y - tool_y) for sphere in self._spheres]
+
+    def _check_spans(self) -> None:
+        """Raise InputError if a strut does not reach its platform joint with the platform in the middle."""
+        spans = self._spans()
+        for axis, sphere, span in zip(self.axes, self._spheres, spans, strict=True):
+            if not sphere.radius > span:
+                raise InputError(
+                    f"geometry.strut_length: {sphere.radius:.6g} m is not above {span:.6g} m, the distance that strut "
+                    f"{axis} spans from its column (geometry.base_radius) to its joint (geometry.platform_radius) when "
+                    "the platform is in the middle, errors included"
+                )
+        if not max(spans) > tolerances.SINGULAR * self.geometry.strut_length:
+            raise InputError(
+                f"geometry.platform_radius: {self.geometry.platform_radius} m equals geometry.base_radius: "
+                "parallel struts do not hold the platform"
+            )
+
+    def _check_columns(self) -> None:
+        """Raise InputError if two columns stand at one place, or the three so that the struts hold nothing."""
+        azimuth = ", ".join(map(str, self.geometry.azimuth))
+        for one, other in ((0, 1), (0, 2), (1, 2)):
+            (x1, y1), (x2, y2) = self._columns[one], self._columns[other]
+            if not math.hypot(x2 - x1, y2 - y1) > tolerances.SINGULAR * self.geometry.base_radius:
+                raise InputError(
+                    f"geometry.azimuth: {azimuth} rad: two columns stand at the same place, those of "
+                    f"{self.axes[one]} and {self.axes[other]}, errors included"
+                )
+        span = max(self._spans())
+        if not abs(self._cross) > tolerances.SINGULAR * span * span:
+            raise InputError(
+                f"geometry.azimuth: {azimuth} rad: the columns less their platform joints stand in one line, errors "
+                "included: the struts do not hold the platform"
+            )
 
     def _squares(self, x: Component, y: Component) -> tuple[Component, ...]:
         """h_i^2, m^2: not positive where strut i does not reach."""
@@ -413,25 +455,66 @@ class Tripod:
         return np.stack([x * f1 + y * f2 + z * f3 for x, y, z in _inverted(rows)])
 
     def _too_far(self, row: int, strut: int, x: float, y: float) -> Violation:
-        sphere, length = self._spheres[strut], self.geometry.strut_length
+        sphere = self._spheres[strut]
         distance = math.hypot(x - sphere.x, y - sphere.y)
-        excess = max(distance - length, 0.0)
+        excess = max(distance - sphere.radius, 0.0)
         reason = (
             f"strut {self.axes[strut]}: the TCP is {1e3 * excess:.4g} mm too far from its slider column "
-            f"(horizontal span {1e3 * distance:.3f} mm > strut length {1e3 * length:.3f} mm)"
+            f"(horizontal span {1e3 * distance:.3f} mm > strut length {1e3 * sphere.radius:.3f} mm)"
         )
         return Violation(row, self.axes[strut], excess, reason)
 
-    def _apart(self, row: int, joints: Array, radius: float) -> Violation:
-        """The sliders' joints lie on a circle of `radius`, m, larger than the struts are long."""
-        others = [(joints.sum() - u) / 2.0 for u in joints]
-        strut = int(np.abs(joints - others).argmax())
-        offset, excess = float(joints[strut] - others[strut]), max(radius - self.geometry.strut_length, 0.0)
+    def _apart(self, row: int, joints: Array, missing: float) -> Violation:
+        """The struts meet nowhere; their squared lengths would have to be larger by `missing`, m^2."""
+        heights = [u + sphere.z for u, sphere in zip(joints.tolist(), self._spheres, strict=True)]
+        offsets = [height - (sum(heights) - height) / 2.0 for height in heights]
+        strut = max(range(3), key=lambda index: abs(offsets[index]))
+        sphere, offset = self._spheres[strut], offsets[strut]
+        excess = max(math.sqrt(sphere.square + missing) - sphere.radius, 0.0)
         reason = (
             f"slider {self.axes[strut]}: the struts do not meet, they are {1e3 * excess:.4g} mm too short: it is "
             f"{1e3 * abs(offset):.3f} mm {'above' if offset > 0.0 else 'below'} the middle of the other sliders"
         )
         return Violation(row, self.axes[strut], excess, reason)
+
+
+def _columns(geometry: TripodGeometry) -> tuple[tuple[float, float], ...]:
+    """Where the columns stand, (x, y), m. Raises InputError for one without a radius."""
+    columns = []
+    for strut, (azimuth, turn, error) in enumerate(
+        zip(geometry.azimuth, geometry.azimuth_error, geometry.base_radius_error, strict=True)
+    ):
+        radius = geometry.base_radius + error
+        if not radius > 0.0:
+            raise InputError(
+                f"geometry.base_radius_error[{strut}]: {error} m leaves {radius:.6g} m of geometry.base_radius: it "
+                "must stay above 0"
+            )
+        columns.append((radius * math.cos(azimuth + turn), radius * math.sin(azimuth + turn)))
+    return tuple(columns)
+
+
+def _sphere(geometry: TripodGeometry, strut: int, column_x: float, column_y: float) -> _Sphere:
+    """The sphere of a strut whose column is there. Raises InputError for a strut without a length."""
+    error = geometry.strut_length_error[strut]
+    length = geometry.strut_length + error
+    if not length > 0.0:
+        raise InputError(
+            f"geometry.strut_length_error[{strut}]: {error} m leaves {length:.6g} m of geometry.strut_length: it must "
+            "stay above 0"
+        )
+    radial_x, radial_y = math.cos(geometry.azimuth[strut]), math.sin(geometry.azimuth[strut])
+    offset = geometry.base_radius - geometry.platform_radius
+    tool_x, tool_y, tool_z = geometry.tool
+    return (
+        _Sphere(  # along the strut's azimuth and then away from it, so that a column without errors costs no rounding
+            offset * radial_x + tool_x + (column_x - geometry.base_radius * radial_x),
+            offset * radial_y + tool_y + (column_y - geometry.base_radius * radial_y),
+            tool_z + geometry.base_height[strut],
+            length,
+            length * length,
+        )
+    )
 
 
 def _inverted(rows: Sequence[Components]) -> tuple[Components, ...]:
