@@ -106,8 +106,8 @@ class Hybrid:
     def forward_newton(self, joints: ArrayLike, guess: ArrayLike | None = None) -> Array:
         """As `forward`, the Tripod's part by Newton's method. Raises UnreachableError."""
         table = self._table(joints)
-        above = None if guess is None else self._tool(guess, table)
-        tcp = self._tripod.forward_newton(_sliders(joints), above)
+        first = None if guess is None else self._tool(guess, table)
+        tcp = self._tripod.forward_newton(_sliders(joints), first)
         tcp[..., :2] -= table
         return tcp
 
@@ -152,13 +152,9 @@ class Hybrid:
         poses = np.asarray(tcp, dtype=float)
         rows = poses.reshape(-1, 3)
         usable = np.flatnonzero(np.isfinite(rows).all(axis=1))
-        tools, tables = self._divided(rows[usable])
         found = not_finite(rows, self.coordinates)
-        for violation in self._tripod.violations(tools):
-            index = violation.row or 0
-            x, y = (1e3 * tables[index]).tolist()
-            reason = f"{violation.reason}, the table being at x {x:.3f} y {y:.3f} mm"
-            found.append(violation._replace(row=int(usable[index]), reason=reason))
+        for violation in self._tripod.violations(self._divided(rows[usable])[0]):
+            found.append(violation._replace(row=int(usable[violation.row or 0])))
         return by_row(found, single=poses.ndim == 1)
 
     def joint_violations(self, joints: ArrayLike) -> list[Violation]:
