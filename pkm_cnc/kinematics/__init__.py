@@ -11,9 +11,16 @@ from typing import cast
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics._in_space import in_space
-from pkm_cnc.kinematics.machine import Machine, Motion, Violation
+from pkm_cnc.kinematics.machine import Machine, Motion, Violation, reached_rows
 
-__all__ = ["Machine", "Motion", "Violation", "in_space", "load_kinematics"]
+__all__ = ["Machine", "Motion", "Violation", "in_space", "load_kinematics", "machine_names", "reached_rows"]
+
+
+def machine_names() -> list[str]:
+    """The names of all machines there are, in alphabetical order."""
+    return sorted(
+        module.name for module in pkgutil.iter_modules(__path__) if module.name != "machine" and module.name[0] != "_"
+    )
 
 
 def load_kinematics(name: str) -> type[Machine]:
@@ -21,10 +28,7 @@ def load_kinematics(name: str) -> type[Machine]:
 
     Raises InputError, listing the machines there are, if there is none of that name.
     """
-    known = sorted(
-        module.name for module in pkgutil.iter_modules(__path__) if module.name != "machine" and module.name[0] != "_"
-    )
-    if name not in known:
-        raise InputError(f"kinematics: {name!r} is unknown; there are {', '.join(known)}")
+    if name not in machine_names():
+        raise InputError(f"kinematics: {name!r} is unknown; there are {', '.join(machine_names())}")
     module = importlib.import_module(f"{__name__}.{name}")
     return cast(type[Machine], getattr(module, name.capitalize()))
