@@ -1,8 +1,8 @@
 """Kinematics: how the joints of a machine and its TCP move each other, one module per machine.
 
 A machine is one module `<name>.py` here with one public class `<Name>` that follows the `Machine` protocol; it is
-loaded by its name and nothing else needs an edit. No machines are `machine` (the protocol), `_pointwise` (arithmetic on
-single poses and arrays alike) and `_in_space` (poses in space for a machine that moves the TCP in a plane or a line).
+loaded by its name and nothing else needs an edit. No machines are `machine` (the protocol) and the modules with an
+underscore, which are what machines are made of.
 """
 
 import importlib
