@@ -9,6 +9,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from command_line import refused
 
 from pkm_cnc.config import load_setup, machine_files
 from pkm_cnc.errors import InputError, UnreachableError
@@ -98,7 +99,7 @@ def tripod_chain(g, i, u, p):
     """B + E + L - A + W - P = 0 (6-1)."""
 
     def own(name):
-        return mpmath.mpf(getattr(g, name, (0.0, 0.0, 0.0))[i])
+        return mpmath.mpf(getattr(g, name)[i])
 
     azimuth, turned = mpmath.mpf(g.azimuth[i]), mpmath.mpf(g.azimuth[i]) + own("azimuth_error")
     base, platform = mpmath.mpf(g.base_radius) + own("base_radius_error"), mpmath.mpf(g.platform_radius)
@@ -161,8 +162,7 @@ def test_inverse_and_derivatives_are_those_of_the_vector_chain(machine):
             unit = [float(column == place) for place in range(len(pose))]
             ahead, behind = (solved(machine, moved(pose, unit, s), u) for s in (STEP, -STEP))
             slopes = [(a - b) / (2 * STEP) for a, b in zip(ahead, behind, strict=True)]
-            rounding = 1e-13 * (1.0 + largest(slopes))
-            assert largest(slope - row[column] for slope, row in zip(slopes, jacobian, strict=True)) < rounding
+            assert largest(slope - row[column] for slope, row in zip(slopes, jacobian, strict=True)) < 1e-12
         ahead, behind = (solved(machine, moved(pose, direction, s), u) for s in (STEP, -STEP))
         second = [(a - 2 * b + c) / STEP**2 for a, b, c in zip(ahead, here, behind, strict=True)]
         scale = 1.0 + largest(second)
@@ -185,9 +185,10 @@ def test_both_jacobians_undo_each_other(machine):
     n, m = len(machine.axes), len(machine.coordinates)
     assert (jacobian.shape, inverse.shape) == ((200, n, m), (200, m, n))
     assert np.abs(inverse @ jacobian - np.eye(m)).max() < 1e-12
-    if n == m:  # else the machine says of what it speaks
-        values = np.linalg.svd(jacobian, compute_uv=False)
-        assert machine.reciprocal_condition(poses) == pytest.approx(values[:, -1] / values[:, 0], rel=1e-12)
+    condition, values = machine.reciprocal_condition(poses), np.linalg.svd(jacobian, compute_uv=False)
+    assert ((condition > 0.0) & (condition <= 1.0)).all()
+    if n == m:  # a redundant machine speaks of that part of it which can be singular
+        assert condition == pytest.approx(values[:, -1] / values[:, 0], rel=1e-12)
 
 
 def test_inverse_jacobian_is_the_derivative_of_forward(machine):
@@ -294,7 +295,7 @@ def test_what_joint_violations_name_is_what_forward_refuses(machine):
         else:
             tcp = machine.forward(sliders)
             assert machine.forward_newton(sliders) == pytest.approx(tcp, abs=1e-9)
-            if len(machine.axes) == len(machine.coordinates):  # else inverse has other joints for it, or none
+            if len(machine.axes) == len(machine.coordinates):  # else there are other joints for the same TCP
                 assert machine.inverse(tcp) == pytest.approx(sliders, abs=1e-9)
 
 
@@ -360,3 +361,41 @@ def test_the_machine_file_stands_at_a_good_place(name):
     assert setup.machine.violations(setup.start_pose) == []
     for u, axis in zip(joints, setup.axes.values(), strict=True):
         assert axis.travel.minimum + 0.05 < u < axis.travel.maximum - 0.05
+
+
+FLAT = [name for name in NAMES if len(load_setup(name).kinematics.coordinates) < 3]
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_a_program_that_leaves_the_line_or_plane_of_the_machine_is_refused(name, tmp_path):
+    setup = load_setup(name)
+    program = tmp_path / "up.ngc"
+    program.write_text(f"G21 G90\nG1 X{1e3 * setup.start_pose[0] + 1.0} F600\nG1 Z5\nM30\n")
+    line = refused("check", program, "--machine", name)
+    moved = " and ".join(setup.kinematics.coordinates)
+    assert line.startswith(f"pkm_cnc: {program}:3: outside the workspace at X")
+    assert line.endswith(f"Z5.000: z: 5 mm is not 0: this machine moves the TCP in {moved} only")
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_a_flat_machine_in_space_is_the_machine_with_zeros(name):
+    machine = load_setup(name).kinematics
+    space, own, n = in_space(machine), usable(machine, 20, seed=17), len(machine.axes)
+    velocity, acceleration = np.random.default_rng(18).normal(size=(2, *own.shape))
+    filled, still = (np.pad(part, ((0, 0), (0, 3 - own.shape[1]))) for part in (own, np.zeros_like(own)))
+    joints = machine.inverse(own)
+    assert space.inverse(filled).tobytes() == joints.tobytes()
+    assert np.array_equal(space.forward(joints)[:, : own.shape[1]], machine.forward(joints))
+    assert not space.forward(joints)[:, own.shape[1] :].any()
+    assert space.jacobian(filled).shape == (20, n, 3)
+    assert np.array_equal(space.inverse_jacobian(filled[0])[: own.shape[1]], machine.inverse_jacobian(own[0]))
+    assert not space.inverse_jacobian(filled)[:, own.shape[1] :].any()
+    given = [np.pad(part, ((0, 0), (0, 3 - own.shape[1]))) for part in (velocity, acceleration)]
+    for ours, theirs in zip(space.motion(filled, *given), machine.motion(own, velocity, acceleration), strict=True):
+        assert ours.tobytes() == theirs.tobytes()
+    with pytest.raises(UnreachableError, match=r"^row 1: vz: 2 mm/s is not 0: this machine moves the TCP in "):
+        space.motion(filled[:2], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.002)], still[:2])
+    with pytest.raises(UnreachableError, match=r"^az: 3 mm/s\^2 is not 0"):
+        space.motion(filled[0], still[0], (0.0, 0.0, 0.003))
+    [violation] = space.violations([filled[0], filled[1] + (0.0, 0.0, -0.004)])
+    assert (violation.row, violation.axis, violation.excess) == (1, "z", 0.004)

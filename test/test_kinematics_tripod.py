@@ -14,7 +14,7 @@ from scipy.optimize import fsolve
 
 from pkm_cnc import tolerances
 from pkm_cnc.errors import InputError, UnreachableError
-from pkm_cnc.kinematics import load_kinematics, tripod
+from pkm_cnc.kinematics import _newton, load_kinematics
 
 Tripod = load_kinematics("tripod")
 NOMINAL = Tripod(Tripod.Geometry())
@@ -150,10 +150,10 @@ def test_a_common_height_of_the_sliders_costs_no_accuracy():
 def test_newton_converges_in_four_steps_from_a_centimetre_away(machine, monkeypatch):
     poses = reachable(machine, 1000, seed=6, margin=0.1)
     joints = machine.inverse(poses)
-    monkeypatch.setattr(tripod, "NEWTON_STEPS", 4)
+    monkeypatch.setattr(_newton, "NEWTON_STEPS", 4)
     guess = poses + np.array((0.005, -0.005, 0.007))
     assert np.abs(machine.forward_newton(joints, guess) - poses).max() < 1e-12
-    monkeypatch.setattr(tripod, "NEWTON_STEPS", 2)
+    monkeypatch.setattr(_newton, "NEWTON_STEPS", 2)
     with pytest.raises(UnreachableError, match=r"^row 0: Newton's method does not lead"):  # unfinished is not returned
         machine.forward_newton(joints, guess)
 

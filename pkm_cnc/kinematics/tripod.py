@@ -75,15 +75,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc import tolerances
 from pkm_cnc.errors import InputError, UnreachableError
+from pkm_cnc.kinematics._newton import newton
 from pkm_cnc.kinematics._pointwise import Component, everywhere, pointwise, square_root
 from pkm_cnc.kinematics._refusals import by_row, not_finite, refuse_rates
 from pkm_cnc.kinematics.machine import Array, Motion, Segment, Violation, unreachable
 from pkm_cnc.parameters import parameter, read_section
 
 __all__ = ["Tripod", "TripodGeometry"]
-
-NEWTON_STEPS = 60
-"""A far step halves the distance to the root, a near one squares its relative error: enough from 1e15 m away."""
 
 Components = Sequence[Component]
 
@@ -379,8 +377,8 @@ class Tripod:
         return tuple([((c.x - x) / h, (c.y - y) / h, h / h) for c, h in zip(self._spheres, heights, strict=True)])
 
     def _motion(self, pose: Components, velocity: Components, acceleration: Components) -> tuple[Components, ...]:
-        (x, y, z), (vx, vy, vz), (ax, ay, az) = pose, velocity, acceleration
         refuse_rates(self.coordinates, velocity, acceleration)
+        (x, y, z), (vx, vy, vz), (ax, ay, az) = pose, velocity, acceleration
         position, speed, rate = [], [], []
         for c, h in zip(self._spheres, self._heights(pose), strict=True):
             dx, dy = x - c.x, y - c.y
@@ -428,18 +426,13 @@ class Tripod:
         first = self._spheres[0]
         base = sliders[0] + first.z
         tops = np.stack([u - sliders[0] + (c.z - first.z) for u, c in zip(sliders, self._spheres, strict=True)])
-        poses = np.stack((start[0], start[1], start[2] - base))
-        active = np.arange(base.size)
-        for _ in range(NEWTON_STEPS):
-            step = self._newton_step(poses[:, active], tops[:, active])
-            poses[:, active] -= step
-            length = np.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
-            active = active[~(length < tolerances.NEWTON)]
-            if not active.size:
-                break
+        poses, unfinished = newton(
+            lambda pose, rows: self._newton_step(pose, tops[:, rows]),
+            np.stack((start[0], start[1], start[2] - base)),
+        )
         heights = tops - poses[2]
         right = (heights > 0.0).all(axis=0) & (self._clearance(poses[0], poses[1], heights) > 0.0)
-        right[active] = False
+        right[unfinished] = False
         poses[2] += base
         return poses, np.flatnonzero(~right)
 
