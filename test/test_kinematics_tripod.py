@@ -323,12 +323,12 @@ def test_a_turned_column_leaves_its_platform_joint_where_it_is():
 
 
 def test_struts_of_unequal_length_that_just_meet_are_told_so():
-    machine = Tripod(Tripod.Geometry(strut_length_error=(0.05, -0.02, 0.0)))
+    machine = Tripod(Tripod.Geometry(strut_length_error=(0.05, -0.02, 0.03)))
     [violation] = machine.joint_violations((0.4, 0.4, 1.9))
     assert violation.axis == "u3"
     # with the strut at fault, and the others, longer by the same square they meet, with a little less they do not
-    squares = np.array((0.65, 0.58, 0.6)) ** 2
-    missing = (0.6 + violation.excess) ** 2 - 0.6**2
+    squares = np.array((0.65, 0.58, 0.63)) ** 2
+    missing = (0.63 + violation.excess) ** 2 - 0.63**2
     for share, meets in ((1.000001, True), (0.999999, False)):
         longer = np.sqrt(squares + share * missing) - 0.6
         other = Tripod(Tripod.Geometry(strut_length_error=tuple(longer.tolist())))

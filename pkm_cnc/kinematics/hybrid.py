@@ -245,7 +245,9 @@ def _sliders(joints: ArrayLike) -> Array:
 
 
 def _with_table(sliders: Array, table: Array) -> Array:
-    return np.concatenate((sliders, np.broadcast_to(table, (*sliders.shape[:-1], 2))), axis=-1)
+    joints = np.empty((*sliders.shape[:-1], 5))
+    joints[..., :3], joints[..., 3:] = sliders, table
+    return joints
 
 
 def _all_with_table(sliders: Sequence[Array], tables: Sequence[Array]) -> tuple[Array, Array, Array]:
@@ -263,5 +265,7 @@ def _finite(vectors: ArrayLike, names: tuple[str, ...]) -> Array:
 
 def _finite_motion(tcp: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> list[Array]:
     """The three (..., 3), each in the shape of all. Raises UnreachableError as `_finite`."""
-    vectors = np.broadcast_arrays(*(np.asarray(vector, dtype=float) for vector in (tcp, velocity, acceleration)))
+    vectors = [np.asarray(vector, dtype=float) for vector in (tcp, velocity, acceleration)]
+    if len({vector.shape for vector in vectors}) > 1:
+        vectors = list(np.broadcast_arrays(*vectors))
     return [_finite(vector, names) for vector, names in zip(vectors, (Hybrid.coordinates, *RATES), strict=True)]

@@ -128,7 +128,10 @@ class Machine(Protocol):
         """Why joint coordinates cannot be used, by row: all that `forward` refuses. Empty: all can."""
 
     def reciprocal_condition(self, tcp: ArrayLike) -> Array:
-        """Reciprocal condition number (...) of J in the 2-norm: 1 isotropic, 0 singular. Raises UnreachableError."""
+        """Reciprocal condition number (...) of J in the 2-norm: 1 isotropic, 0 singular. Raises UnreachableError.
+
+        Of a redundant machine that of the part that can be singular; it says of which.
+        """
 
     def sketch(self, joints: ArrayLike, tcp: ArrayLike) -> list[Segment]:
         """The machine as named lines, for one pose: `joints` (n,) and `tcp` (3,) are drawn as given, unchecked."""
