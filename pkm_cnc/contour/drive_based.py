@@ -39,7 +39,7 @@ def estimated_tracking_error(joint_velocity: ArrayLike, kv: ArrayLike) -> Array:
     It is the lag of a drive at constant velocity. Of one that accelerates it misses -(1/(2 Kv^2) + kappa) d2U_s/dt2,
     with kappa half the variance of the drive's impulse response.
     """
-    return np.asarray(joint_velocity, dtype=float) / np.asarray(kv, dtype=float)
+    return np.asarray(np.asarray(joint_velocity, dtype=float) / np.asarray(kv, dtype=float))
 
 
 def tcp_tracking_error(machine: Machine, joints: ArrayLike, tracking_error: ArrayLike) -> Array:
@@ -54,7 +54,7 @@ def tcp_tracking_error(machine: Machine, joints: ArrayLike, tracking_error: Arra
 def tcp_velocity(machine: Machine, joints: ArrayLike, joint_velocity: ArrayLike) -> Array:
     """Velocity of the TCP (..., 3), m/s: J dU/dt at the pose of `joints`, 5-11 and 5-13. Raises UnreachableError."""
     jacobian = machine.inverse_jacobian(machine.forward(joints))
-    return (jacobian * np.asarray(joint_velocity, dtype=float)[..., None, :]).sum(axis=-1)
+    return np.asarray((jacobian * np.asarray(joint_velocity, dtype=float)[..., None, :]).sum(axis=-1))
 
 
 def line_contour_error(
@@ -69,7 +69,7 @@ def line_contour_error(
     velocity = tcp_velocity(machine, joints, joint_velocity)
     square = _dot(velocity, velocity)
     along = np.divide(_dot(deviation, velocity), square, out=np.full(square.shape, np.nan), where=square > 0.0)
-    return along[..., None] * velocity - deviation
+    return np.asarray(along[..., None] * velocity - deviation)
 
 
 def left_and_up(contour_error: ArrayLike, direction: ArrayLike) -> tuple[Array, Array]:
