@@ -52,8 +52,8 @@ def _run(lab: Lab, options: Options) -> Findings:
         figures=_figures(entries, deviation),
         data={"deviation_mm": 1e3 * deviation, "curves": entries},
         remarks=[
-            "Gear ratio: du/dx (4-13). du_left, du_right: size of the slider's way for the TCP's from x to x - dx and to "
-            f"x + dx, dx = v / Kv = {1e3 * deviation:.6g} mm; on a machine with straight axes their quotient is 1.",
+            "Gear ratio: du/dx (4-13). du_left, du_right: size of the slider's way for the TCP's from x to x - dx and "
+            f"to x + dx, dx = v / Kv = {1e3 * deviation:.6g} mm; on a machine with straight axes their quotient is 1.",
             "The positions of the stations are ours, the thesis gives none.",
         ],
     )
