@@ -43,7 +43,7 @@ def follow(
     The travel is left out, for a displacement has no place in it. Raises MachineFault as a run does.
     """
     parts = setup.axes[axis]
-    drive = ServoDrive(parts.drive)
+    drive = ServoDrive(parts.drive, setup.servo_period)
     travel = type(parts.travel)(minimum=-1e3, maximum=1e3)
     plant = AxisPlant(parts.drive, parts.screw, parts.scale, travel, setup.servo_period, 0.0)
     setpoints = np.broadcast_arrays(*np.atleast_1d(position, velocity, acceleration))
