@@ -120,7 +120,7 @@ def _common(one: Pass, other: Pass) -> Array:
     low, high = max(one.x.min(), other.x.min()), min(one.x.max(), other.x.max())
     if not low < high:
         raise InputError(
-            f"feeds: at {60e3 * one.feed:g} mm/min the ways in +x and in -x have no settled position in common; take a "
+            f"at {60e3 * one.feed:g} mm/min the ways in +x and in -x have no settled position in common; take a "
             "longer way, a lower feed, a higher kv or a higher acceleration"
         )
     return np.asarray(np.linspace(low, high, _GRID))
