@@ -223,8 +223,8 @@ def _remarks(options: Options, data: dict[str, Any]) -> list[str]:
         f"{data['ratio_end_to_start_gear_ratio']:.3f} times.",
         f"Overshoot: the TCP is sent off from rest with {options.step_feed:g} mm/min in +x; its largest speed may be "
         f"{options.overshoot:g} % above. Over so short a way the gear ratio hardly changes, so this gain hardly "
-        f"depends on the position: {data['ratio_end_to_start_overshoot']:.4f} times from last to first; that of the drive "
-        f"alone is {data['drive_overshoot_kv_per_s']:.2f} 1/s.",
+        f"depends on the position: {data['ratio_end_to_start_overshoot']:.4f} times from last to first; that of the "
+        f"drive alone is {data['drive_overshoot_kv_per_s']:.2f} 1/s.",
         f"The drive's own loop holds no kinematics: it is stable below {data['drive_stability_limit_per_s']:.1f} 1/s "
         "at every position. What depends on the position is how much of the drive's vibration reaches the TCP.",
         "The positions, the ripple and the bounds are ours: the thesis gives none. 50 1/s is 3 [1000/min].",
