@@ -88,7 +88,7 @@ def test_arrays_are_rows():
 @functools.cache
 def findings(machine: str, *overrides: str) -> Findings:
     experiment = load_experiment("drive-based")
-    options = experiment.options(headings=(0.0, 80.0), length=60.0, radius=20.0)
+    options = experiment.options(headings=(0.0, 80.0), length=120.0, radius=20.0)
     return experiment.run(Lab(machine, overrides, simulated), options)
 
 
@@ -112,7 +112,8 @@ def test_the_estimate_is_the_opposite_of_a_first_order_lag():
     assert data["expected_ratio_estimated_to_nearest"] == pytest.approx(expected, rel=1e-6)
     for entry in data["segments"]:
         means = entry["z_mean_um"]
-        assert means["estimated"] / means["nearest"] == pytest.approx(expected, rel=0.01)
+        higher_orders = 0.005 if entry["kind"] == "line" else 0.02  # of the small circle
+        assert means["estimated"] / means["nearest"] == pytest.approx(expected, rel=higher_orders)
 
 
 def test_a_machine_without_a_plane_is_refused():
