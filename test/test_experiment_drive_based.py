@@ -106,6 +106,12 @@ def test_recorded_signals_give_the_nearest_point_value(machine):
             assert entry["velocity_largest_difference_pm"]["radial_deviation"] < 1.0
 
 
+def test_circles_are_recomputed_all_around():
+    for panel in findings("tripod").figures[1].panels:
+        angle = panel.curves[0].x
+        assert np.diff(angle, prepend=angle[-1] - 360.0).max() < 0.5  # deg; a cycle is 0.15 deg
+
+
 def test_the_estimate_is_the_opposite_of_a_first_order_lag():
     data = findings("tripod", "drive.kind=first_order").data
     expected = -1.0 / (1.0 - 20.0 * 0.001)  # -1/(2 Kv^2) over (1 - Kv T)/(2 Kv^2)
