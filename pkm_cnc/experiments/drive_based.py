@@ -74,7 +74,7 @@ class Recomputed:
 
 
 def recomputed(trial: Trial) -> list[Recomputed]:
-    """The judged lines and full circles of a run, in order; cycles with setpoint and tool on the same line or circle."""
+    """The judged lines and full circles of a run, in order; cycles with setpoint and tool on one line or circle."""
     return [
         _line(trial, index, element) if isinstance(element, Line) else _circle(trial, index, element)
         for index in trial.evaluation.summaries

@@ -236,7 +236,7 @@ def _tables(data: dict[str, Any]) -> list[Table]:
     ]
     forward = ["velocity_feed_forward", "direction", "x_from_mm", "x_to_mm", "kv_rel_deviation_from_1_mean"]
     forward += ["kv_rel_deviation_reduced_percent", "tracking_error_mean_mm", "tracking_error_reduced_percent"]
-    steps = ["station_mm", "kv_per_s", "overshoot_percent", "rise_time_ms", "speed_at_end_mm_s"]
+    steps = ["station_mm", "kv_per_s", "overshoot_percent", "rise_time_ms", "settling_time_ms", "speed_at_end_mm_s"]
     return [
         Table("Relative velocity gain K_V-rel", columns, gains),
         Table("Reversal", reversal_columns, [[entry[name] for name in reversal_columns] for entry in data["reversal"]]),
