@@ -17,6 +17,7 @@ from pkm_cnc.contour.circular_test import (
 )
 from pkm_cnc.contour.contour_error import ContourTracker
 from pkm_cnc.contour.monitor import ContourMonitor, in_position
+from pkm_cnc.contour.program_text import parse_numbers
 from pkm_cnc.contour.star_test import heading_deg, line_report, parse_headings, star_program
 from pkm_cnc.contour.summary import SegmentStatistics, SegmentSummary, contour_error_report, judged_range
 
@@ -41,5 +42,6 @@ __all__ = [
     "least_squares_circle",
     "line_report",
     "parse_headings",
+    "parse_numbers",
     "star_program",
 ]
