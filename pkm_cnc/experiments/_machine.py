@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 
-__all__ = ["points", "require_plane"]
+__all__ = ["place", "points", "require_plane"]
 
 
 def require_plane(setup: Setup, experiment: str) -> None:
@@ -23,3 +23,8 @@ def require_plane(setup: Setup, experiment: str) -> None:
 def points(numbers: Sequence[float]) -> list[tuple[float, float]]:
     """The points (x, y) of an option that lists them one after the other."""
     return list(zip(numbers[::2], numbers[1::2], strict=True))
+
+
+def place(point: tuple[float, float]) -> str:
+    """A point of the plane as a text, mm."""
+    return f"{point[0]:g} {point[1]:g} mm"

@@ -13,7 +13,7 @@ import numpy as np
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import line_report, star_program
 from pkm_cnc.experiments._law import drift, kappa
-from pkm_cnc.experiments._machine import points, require_plane
+from pkm_cnc.experiments._machine import place, points, require_plane
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab
 from pkm_cnc.parameters import parameter
 from pkm_cnc.program import Line
@@ -81,11 +81,7 @@ class Star:
     @property
     def name(self) -> str:
         """For tables and pictures."""
-        return f"pivot {_place(self.pivot)}, {self.feed:g} mm/min"
-
-
-def _place(pivot: tuple[float, float]) -> str:
-    return f"{pivot[0]:g} {pivot[1]:g} mm"
+        return f"pivot {place(self.pivot)}, {self.feed:g} mm/min"
 
 
 def _run(lab: Lab, options: Options) -> Findings:
@@ -95,7 +91,7 @@ def _run(lab: Lab, options: Options) -> Findings:
     wanted = [(pivot, feed) for pivot in points(options.pivot) for feed in options.feeds]
     stars = []
     for number, (pivot, feed) in enumerate(wanted):
-        lab.tell(number / len(wanted), f"pivot {_place(pivot)}, {feed:g} mm/min")
+        lab.tell(number / len(wanted), f"pivot {place(pivot)}, {feed:g} mm/min")
         stars.append(_star(lab, setup, options, pivot, feed, factor))
     return Findings(_tables(stars), _figures(setup, stars), _data(stars, factor), _remarks(stars))
 
@@ -105,7 +101,7 @@ def _star(
 ) -> Star:
     def run(headings: Sequence[float]) -> list[dict[str, Any]]:
         text = star_program(feed, headings, pivot, options.length)
-        evaluation = lab.run(setup, text, f"star about {_place(pivot)}").evaluation
+        evaluation = lab.run(setup, text, f"star about {place(pivot)}").evaluation
         return [
             line_report(element, summary)
             for index, summary in evaluation.summaries.items()
@@ -154,7 +150,7 @@ def _zeros(headings: Sequence[float], left: Array, judge: Callable[[float], floa
     largest = float(np.abs(left).max())
     if largest * 1e-6 < TIE:
         return []
-    known = dict(zip(headings, left.tolist(), strict=True))
+    known: dict[float, float] = dict(zip(headings, left.tolist(), strict=True))
 
     def value(heading: float) -> float:
         if heading not in known:
@@ -175,15 +171,15 @@ def _tables(stars: Sequence[Star]) -> list[Table]:
     columns += ["left_mean_um", "left_std_um", "left_max_um", "left_law_um", "z_mean_um", "z_law_um"]
     rows: list[list[str | float | None]] = []
     for star in stars:
-        for place, line in enumerate(star.lines):
-            law = (None, None) if star.law is None else (float(star.law.left[place]), float(star.law.up[place]))
+        for row, line in enumerate(star.lines):
+            law = (None, None) if star.law is None else (float(star.law.left[row]), float(star.law.up[row]))
             error, up = line["contour_error_um"], line["contour_error_z_um"]
             rows.append(
-                [_place(star.pivot)[:-3], star.feed, line["heading_deg"]]
+                [place(star.pivot)[:-3], star.feed, line["heading_deg"]]
                 + [error["mean"], error["std"], error["max_abs"], law[0], up["mean"], law[1]]
             )
     zeros: list[list[str | float | None]] = [
-        [_place(star.pivot)[:-3], star.feed, _listed(star.zeros), _listed(star.law_zeros)] for star in stars
+        [place(star.pivot)[:-3], star.feed, _listed(star.zeros), _listed(star.law_zeros)] for star in stars
     ]
     return [
         Table("Contour error of every line over its middle half", columns, rows),
@@ -207,7 +203,7 @@ def _feed_name(star: Star) -> str:
 
 
 def _pivot_name(star: Star) -> str:
-    return f"pivot {_place(star.pivot)}"
+    return f"pivot {place(star.pivot)}"
 
 
 def _over_heading(
