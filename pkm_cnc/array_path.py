@@ -4,7 +4,7 @@ Position controller and velocity loop of one axis are one discrete linear system
 
     x[k+1] = A x[k] + B w[k],   y[k] = C x[k]
 
-with the tracking error among the states and the increment of the setpoint as input: nothing in it grows with the
+with the position error among the states and the increment of the setpoint as input: nothing in it grows with the
 distance travelled, and rounding stays that of the tracking error. It is the same system that `simulation` steps (the
 velocity loop discretised exactly), and is equal to it within 1e-12 m over a minute; not to the bit, because it adds in
 another order.
@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.plant.velocity_loop import exact_discretisation
-from pkm_cnc.servo import CASCADE_STATES, DriveParameters, cascade_state_space
+from pkm_cnc.servo import CASCADE_STATES, DriveParameters, cascade_state_space, filter_step
 
 __all__ = ["AxisResponse", "linear", "respond"]
 
@@ -54,6 +54,11 @@ def linear(setup: Setup) -> None:
                 f"{axis}.scale.resolution: {parts.scale.resolution} m makes the axis loop nonlinear, and the array "
                 "path takes linear loops alone: set it to 0, or run the step loop"
             )
+        if parts.drive.velocity_limit != 0.0:
+            raise InputError(
+                f"{axis}.drive.velocity_limit: {parts.drive.velocity_limit} m/s makes the axis loop nonlinear where it "
+                "is reached, and the array path takes linear loops alone: set it to 0, or run the step loop"
+            )
 
 
 def respond(setup: Setup, axis: str, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> AxisResponse:
@@ -71,13 +76,32 @@ def respond(setup: Setup, axis: str, position: ArrayLike, velocity: ArrayLike, a
         raise InputError(f"axis {axis!r} is unknown; {setup.machine_name} has {', '.join(setup.axes)}")
     setpoint = [np.asarray(part, dtype=float) for part in (position, velocity, acceleration)]
     _check(axis, setpoint)
-    drive = setup.axes[axis].drive
-    commanded = setpoint[0]
-    system = _axis_loop(drive, setup.axes[axis].screw.pitch, setup.servo_period)
-    increment = np.diff(commanded, axis=-1, append=commanded[..., -1:])
-    error, speed = _run(system, increment[..., np.newaxis, :])
-    _supervise(axis, drive, error)
-    return AxisResponse(commanded - error, speed, error)
+    drive, period = setup.axes[axis].drive, setup.servo_period
+    commanded, speed, change_of_speed = setpoint
+    delayed = _delayed(drive, period, commanded, speed)
+    increment = np.diff(delayed, axis=-1, append=delayed[..., -1:])
+    feed_forward = drive.velocity_feed_forward * speed + drive.acceleration_feed_forward * change_of_speed
+    system = _axis_loop(drive, setup.axes[axis].screw.pitch, period)
+    behind, slider_velocity = _run(system, np.stack([increment, feed_forward], axis=-1))
+    tracking_error = (commanded - delayed) + behind
+    _supervise(axis, drive, tracking_error)
+    return AxisResponse(delayed - behind, slider_velocity, tracking_error)
+
+
+def _delayed(drive: DriveParameters, period: float, position: Array, velocity: Array) -> Array:
+    """The setpoints after the delay of the balancing filter, before its lag; (..., n) like them."""
+    balancing = filter_step(drive, period)
+    if balancing is None or drive.setpoint_delay == 0.0:
+        return position
+    cycles = position.shape[-1]
+    at_rest = np.repeat(position[..., :1], balancing.whole + 2, axis=-1)  # the first setpoint among them
+    position = np.concatenate([at_rest, position[..., 1:]], axis=-1)
+    velocity = np.concatenate([0.0 * at_rest, velocity[..., 1:]], axis=-1)
+    earlier, later = slice(0, cycles), slice(1, cycles + 1)
+    delayed: Array = balancing.between(
+        position[..., earlier], velocity[..., earlier], position[..., later], velocity[..., later]
+    )
+    return delayed
 
 
 def _check(axis: str, setpoint: list[Array]) -> None:
@@ -107,20 +131,29 @@ class _System(NamedTuple):
 
 
 def _axis_loop(drive: DriveParameters, pitch: float, period: float) -> _System:
-    """Input: increment of the setpoint to the next cycle, m. Outputs: tracking error, m, and slider velocity, m/s.
+    """Inputs: increment of the delayed setpoint to the next cycle, m, and feed-forward to the velocity command, m/s.
 
-    Each signal is a row: its coefficients over the states and the input, so the lines below are the equations.
+    Outputs: delayed setpoint less slider, m, and slider velocity, m/s. Each signal is a row: its coefficients over
+    states and inputs, so the lines below are the equations.
     """
     loop = _velocity_loop(drive, pitch, period)
-    order = len(loop.B)
-    *_, tracking_error, increment = np.eye(order + 2)
-    inner = np.eye(order, order + 2)
-    command = drive.kv * tracking_error
+    pid = drive.position_controller.gains.sampled(period)
+    balancing = filter_step(drive, period)
+    decay, gain = (balancing.decay, balancing.gain) if balancing is not None else (0.0, 0.0)
+    states = len(loop.B) + 5
+    signals = np.eye(states + 2)
+    inner = signals[: len(loop.B)]
+    error, lag, integral, derivative_before, error_before, increment, feed_forward = signals[len(loop.B) :]
+
+    derivative = pid.decay * derivative_before + pid.derivative * (error - error_before)
+    command = pid.proportional * error + integral + derivative + feed_forward
     displacement = loop.displacement @ inner + loop.gain * command
-    following = np.vstack([loop.A @ inner + np.outer(loop.B, command), tracking_error + increment - displacement])
-    states = order + 1
-    outputs = np.vstack([tracking_error[:states], loop.velocity @ inner[:, :states]])
-    return _System(following[:, :states], following[:, states:], outputs)
+    lag_after = decay * lag + gain * increment
+    error_after = error + (increment - (lag_after - lag)) - displacement
+    inner_after = loop.A @ inner + np.outer(loop.B, command)
+    after = np.vstack([inner_after, error_after, lag_after, integral + pid.integral * error, derivative, error])
+    outputs = np.vstack([error + lag, loop.velocity @ inner])
+    return _System(after[:, :states], after[:, states:], outputs[:, :states])
 
 
 class _VelocityLoop(NamedTuple):
@@ -142,29 +175,48 @@ def _velocity_loop(drive: DriveParameters, pitch: float, period: float) -> _Velo
     return _VelocityLoop(a[:4, :4], b[:4], a[4, :4], float(b[4]), velocity)
 
 
-def _run(system: _System, inputs: Array) -> Array:
-    """Outputs for `inputs`, shape (..., m, n), as shape (p, ..., n)."""
-    *series, width, cycles = inputs.shape
-    states, outputs = len(system.A), len(system.C)
+class _BlockStep(NamedTuple):
+    """A block of BLOCK cycles at once: outputs = w @ from_inputs + x @ from_state, next x = w @ to_state + x @ over.
+
+    w are its inputs, shape (BLOCK m,), in the order of the cycles, as its outputs, shape (BLOCK p,).
+    """
+
+    from_inputs: Array
+    from_state: Array
+    to_state: Array
+    over: Array
+
+
+def _block_step(system: _System) -> _BlockStep:
+    states, width = system.B.shape
     powers = [np.eye(states)]
     for _ in range(BLOCK):
         powers.append(system.A @ powers[-1])
-    from_state = np.hstack([(system.C @ power).T for power in powers[:BLOCK]])  # (n, BLOCK p)
-    impulse = np.stack(
-        [np.zeros((width, outputs)), *[(system.C @ power @ system.B).T for power in powers[: BLOCK - 1]]]
-    )
+    # response of the outputs so many cycles after an input; none in the same cycle
+    impulse = np.stack([0.0 * (system.C @ system.B), *(system.C @ power @ system.B for power in powers[: BLOCK - 1])])
     now, later = np.ogrid[:BLOCK, :BLOCK]
-    from_inputs = np.moveaxis(impulse[np.maximum(later - now, 0)], 2, 0)  # (m, BLOCK now, BLOCK later, p)
-    to_state = np.stack([(power @ system.B).T for power in reversed(powers[:BLOCK])], axis=1)  # (m, BLOCK, n)
+    by_cycles = impulse[np.maximum(later - now, 0)]  # (BLOCK now, BLOCK later, p, m)
+    return _BlockStep(
+        np.ascontiguousarray(by_cycles.transpose(0, 3, 1, 2)).reshape(BLOCK * width, -1),
+        np.hstack([(system.C @ power).T for power in powers[:BLOCK]]),
+        np.vstack([(power @ system.B).T for power in reversed(powers[:BLOCK])]),
+        np.ascontiguousarray(powers[BLOCK].T),
+    )
 
+
+def _run(system: _System, inputs: Array) -> Array:
+    """Outputs for `inputs`, shape (..., n, m), as shape (p, ..., n)."""
+    *series, cycles, width = inputs.shape
+    step = _block_step(system)
     blocks = -(-cycles // BLOCK)
-    padded = np.zeros((math.prod(series), width, blocks * BLOCK))
-    padded[..., :cycles] = inputs.reshape(len(padded), width, cycles)
-    result = np.empty((len(padded), blocks * BLOCK, outputs))
-    state: Array = np.zeros((len(padded), states))
-    for first in range(0, blocks * BLOCK, BLOCK):
-        block = padded[..., first : first + BLOCK].reshape(len(padded), -1)
-        here = block @ from_inputs.reshape(width * BLOCK, -1) + state @ from_state
-        result[:, first : first + BLOCK] = here.reshape(len(padded), BLOCK, outputs)
-        state = state @ powers[BLOCK].T + block @ to_state.reshape(width * BLOCK, states)
-    return np.moveaxis(result[:, :cycles], -1, 0).reshape(outputs, *series, cycles)
+    padded = np.zeros((math.prod(series), blocks * BLOCK, width))
+    padded[:, :cycles] = inputs.reshape(len(padded), cycles, width)
+    by_block = padded.reshape(len(padded), blocks, BLOCK * width)
+    result = np.empty((len(padded), blocks, BLOCK * len(system.C)))
+    state: Array = np.zeros((len(padded), len(system.A)))
+    for block in range(blocks):
+        held = by_block[:, block]
+        result[:, block] = held @ step.from_inputs + state @ step.from_state
+        state = held @ step.to_state + state @ step.over
+    outputs = result.reshape(len(padded), blocks * BLOCK, len(system.C))[:, :cycles]
+    return np.moveaxis(outputs, -1, 0).reshape(len(system.C), *series, cycles)

@@ -130,7 +130,7 @@ class _Axes:
 
     def __init__(self, setup: Setup) -> None:
         self._names = list(setup.axes)
-        self._drives = [ServoDrive(parts.drive) for parts in setup.axes.values()]
+        self._drives = [ServoDrive(parts.drive, setup.servo_period) for parts in setup.axes.values()]
         self._plants = [make_plant(setup, axis) for axis in setup.axes]
         self._states = [plant.state for plant in self._plants]
 

@@ -29,3 +29,7 @@ SPEED_ROUNDING = 1e-15
 OFF_MACHINE = 1e-9
 """m, m/s, m/s^2. A coordinate that a machine of fewer than three coordinates does not move is 0 up to this: what a part
 program's decimals and an arc's end points leave."""
+
+EQUAL_TIMES = 1e-12
+"""1. Relative difference of two times of a controller that is rounding alone: they were multiplied and divided a few
+times."""

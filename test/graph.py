@@ -23,20 +23,19 @@ from pkm_cnc.simulation import simulate
 from pkm_cnc.topics import RECORDER, recorded_topics, topics
 
 TOPICS = topics(AXES)
-RECORDED = recorded_topics(AXES)
 RELIABLE = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
 
 
-def simulated(program, bag, *overrides):
+def simulated(program, bag, *overrides, machine="tripod"):
     """Simulate the program in a file; return the number of cycles."""
-    setup, content = load_setup("tripod", overrides), read_program(str(program))
-    with BagWriter(bag, RECORDED) as sink:
+    setup, content = load_setup(machine, overrides), read_program(str(program))
+    with BagWriter(bag, recorded_topics(tuple(setup.axes))) as sink:
         return simulate(setup, content, prepare(setup, content), sink)
 
 
-def run_graph(program, bag, *overrides, pacing="fast", tick=lambda cycle: None):
+def run_graph(program, bag, *overrides, machine="tripod", pacing="fast", tick=lambda cycle: None):
     """Run the program in a file through the graph in this process; return how it ended."""
-    return run_in_one_process(load_setup("tripod", overrides), str(program), str(bag), pacing, tick)
+    return run_in_one_process(load_setup(machine, overrides), str(program), str(bag), pacing, tick)
 
 
 @contextlib.contextmanager

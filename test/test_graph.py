@@ -24,7 +24,7 @@ from rosgraph_msgs.msg import Clock
 from running import AXES, LONG, SHORT, command, messages, servo_messages
 
 from pkm_cnc.bag import read_run
-from pkm_cnc.config import load_setup
+from pkm_cnc.config import load_setup, machine_files
 from pkm_cnc.messages import typestore
 from pkm_cnc.nodes.inverse_kinematics import InverseKinematicsNode
 from pkm_cnc.nodes.message_types import message_class
@@ -92,6 +92,21 @@ def test_realtime_takes_as_long_as_the_machine_and_gives_the_same(ros_domain, pr
     assert end.completed
     assert time.monotonic() - started >= end.cycle * 0.001
     assert_same_run(tmp_path / "bag", reference)
+
+
+@pytest.mark.parametrize("machine", sorted(machine_files()))
+def test_every_machine_gives_the_same(ros_domain, tmp_path, machine):
+    setup = load_setup(machine)
+    start = dict(zip("xyz", setup.start_pose, strict=True))
+    there = " ".join(f"{name.upper()}{1e3 * start[name] + 2.0:.6f}" for name in setup.kinematics.coordinates)
+    program = tmp_path / "there_and_back.ngc"
+    program.write_text(f"G21 G90\nG1 {there} F6000\nG1 X{1e3 * start['x']:.6f} F3000\nM30\n")
+    simulated(program, tmp_path / "simulated", machine=machine)
+    end = run_graph(program, tmp_path / "graph", machine=machine)
+    assert end.completed, end
+    ours, theirs = messages(tmp_path / "graph"), messages(tmp_path / "simulated")
+    assert set(ours) == set(theirs)
+    assert {topic for topic in ours if ours[topic] != theirs[topic]} == {"/run_end"}  # which says who ended it
 
 
 ORDERS = {

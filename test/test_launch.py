@@ -1,4 +1,4 @@
-"""The launch file, run with stand-ins for the launch packages of ROS: what it starts, with what, when it stops."""
+"""The launch files, run with stand-ins for the launch packages of ROS: what they start, with what, when they stop."""
 
 import importlib.util
 import sys
@@ -8,18 +8,16 @@ from pathlib import Path
 import pytest
 
 from pkm_cnc.bringup import describe_graph
-from pkm_cnc.config import load_setup
+from pkm_cnc.config import load_setup, machine_files
 from pkm_cnc.topics import ANYONE, topics
 
-LAUNCH_FILE = Path(__file__).resolve().parents[1] / "launch" / "tripod.launch.py"
-AXES = ("u1", "u2", "u3")
-EXPECTED = {
-    "interpolator",
-    "inverse_kinematics",
-    *(f"{axis}/{name}" for axis in AXES for name in ("servo_drive", "plant")),
-    "contour_monitor",
-    "recorder",
-}
+LAUNCH_FILES = Path(__file__).resolve().parents[1] / "launch"
+MACHINES = sorted(machine_files())
+
+
+def expected(axes):
+    per_axis = (f"{axis}/{name}" for axis in axes for name in ("servo_drive", "plant"))
+    return {"interpolator", "inverse_kinematics", *per_axis, "contour_monitor", "recorder"}
 
 
 class Made:
@@ -49,29 +47,42 @@ MODULES = {
 
 
 @pytest.fixture
-def description(monkeypatch):
-    """What the launch file describes: its parts by kind."""
+def described(monkeypatch):
+    """From the name of a machine to what its launch file describes: its parts by kind."""
     for name, classes in MODULES.items():
         module = types.ModuleType(name)
         for kind in classes:
             setattr(module, kind, type(kind, (Made,), {}))
         monkeypatch.setitem(sys.modules, name, module)
     sys.modules["launch.substitutions"].LaunchConfiguration = Configuration
-    spec = importlib.util.spec_from_file_location("tripod_launch", LAUNCH_FILE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    parts = {}
-    for part in module.generate_launch_description().arguments[0]:
-        parts.setdefault(type(part).__name__, []).append(part)
-    return parts
+    monkeypatch.delitem(sys.modules, "pkm_cnc.bringup.launch_file", raising=False)
+
+    def describe(machine):
+        path = LAUNCH_FILES / f"{machine}.launch.py"
+        spec = importlib.util.spec_from_file_location(f"{machine}_launch", path)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        assert f"{path.name} program:=" in module.__doc__
+        parts = {}
+        for part in module.generate_launch_description().arguments[0]:
+            parts.setdefault(type(part).__name__, []).append(part)
+        return parts
+
+    yield describe
+    sys.modules.pop("pkm_cnc.bringup.launch_file", None)  # it has the stand-ins
 
 
-def test_arguments(description):
-    defaults = {part.arguments[0]: part.keywords.get("default_value") for part in description["DeclareLaunchArgument"]}
-    machine = defaults.pop("parameters")
+def test_every_machine_has_its_launch_file():
+    assert sorted(path.name.removesuffix(".launch.py") for path in LAUNCH_FILES.iterdir()) == MACHINES
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_arguments(described, machine):
+    parts = described(machine)["DeclareLaunchArgument"]
+    defaults = {part.arguments[0]: part.keywords.get("default_value") for part in parts}
+    assert load_setup(defaults.pop("parameters")).machine_name == machine
     assert defaults == {"program": None, "bag": None, "pacing": "fast"}
-    assert load_setup(machine).machine_name == "tripod"
-    assert all(part.keywords["description"] for part in description["DeclareLaunchArgument"])
+    assert all(part.keywords["description"] for part in parts)
 
 
 def _plain(parameters):
@@ -81,22 +92,24 @@ def _plain(parameters):
     return [file, {name: value.arguments[0] for name, value in values.items()}]
 
 
-def test_nodes(description, tmp_path):
+@pytest.mark.parametrize("name", MACHINES)
+def test_nodes(described, tmp_path, name):
     machine = tmp_path / "mine.yaml"
-    machine.write_text(load_setup("tripod", ["drive.kv=25"]).to_yaml())
-    (function,) = (part.keywords["function"] for part in description["OpaqueFunction"])
+    machine.write_text(load_setup(name, ["drive.kv=25"]).to_yaml())
+    (function,) = (part.keywords["function"] for part in described(name)["OpaqueFunction"])
     given = {"program": "star.ngc", "bag": "there", "pacing": "realtime", "parameters": str(machine)}
     nodes = [node.keywords for node in function(given)]
     extra = {f"{node['namespace']}/{node['name']}".lstrip("/"): _plain(node["parameters"]) for node in nodes}
     assert extra.pop("interpolator") == [str(machine), {"program": "star.ngc", "pacing": "realtime"}]
     assert extra.pop("recorder") == [str(machine), {"bag": "there"}]
-    assert extra == {name: [str(machine), {}] for name in EXPECTED - {"interpolator", "recorder"}}
+    others = expected(load_setup(name).axes) - {"interpolator", "recorder"}
+    assert extra == {node: [str(machine), {}] for node in others}
     assert {(node["package"], node["name"]) for node in nodes} == {("pkm_cnc", node["executable"]) for node in nodes}
 
 
 @pytest.mark.parametrize(("status", "stops"), [(0, False), (1, True), (2, True), (-9, True)])
-def test_a_failure_stops_the_others_but_the_end_of_the_run_does_not(description, status, stops):
-    (handler,) = (part.arguments[0] for part in description["RegisterEventHandler"])
+def test_a_failure_stops_the_others_but_the_end_of_the_run_does_not(described, status, stops):
+    (handler,) = (part.arguments[0] for part in described("tripod")["RegisterEventHandler"])
     event = types.SimpleNamespace(returncode=status, process_name="u1/plant")
     actions = handler.keywords["on_exit"](event, None)
     assert bool(actions) == stops
@@ -107,11 +120,12 @@ def test_a_failure_stops_the_others_but_the_end_of_the_run_does_not(description,
         assert "u1/plant" in shutdown.keywords["reason"]
 
 
-def test_the_graph_is_that_of_the_topic_table():
+@pytest.mark.parametrize("axes", [("u",), ("u1", "u2", "u3", "table_x", "table_y")])
+def test_the_graph_is_that_of_the_topic_table(axes):
     """Every publisher and every subscriber of every topic is a node that is started, and the other way round."""
-    specs = describe_graph(AXES, "star.ngc", "there", "fast")
-    assert {spec.full_name for spec in specs} == EXPECTED
+    specs = describe_graph(axes, "star.ngc", "there", "fast")
+    assert {spec.full_name for spec in specs} == expected(axes)
     named = set()
-    for topic in topics(AXES).values():
+    for topic in topics(axes).values():
         named |= {topic.publisher, *topic.subscribers}
-    assert named - {ANYONE} == EXPECTED
+    assert named - {ANYONE} == expected(axes)

@@ -38,7 +38,7 @@ def hold(plant, velocity):
 
 def run_loop(kind, setpoints, start=0.5, resolution=0.0):
     """The states at t_0.. of the sampled loop that is given `setpoints`, and its tracking errors."""
-    plant, drive = make_plant(kind, start, resolution), ServoDrive(DriveParameters(kind=kind))
+    plant, drive = make_plant(kind, start, resolution), ServoDrive(DriveParameters(kind=kind), T)
     states, errors = [], []
     for position in setpoints:
         states.append(plant.state)

@@ -12,6 +12,8 @@ from pkm_cnc.parameters import parameters_of, read_section
 from pkm_cnc.records import STATUS_NORMAL, AxisSetpoint, AxisState
 from pkm_cnc.servo import DriveParameters, ServoDrive
 
+T = 1e-3
+
 
 def setpoint(position):
     return AxisSetpoint(position, 0.0, 0.0)
@@ -28,19 +30,19 @@ def actual(position, slider_position=0.0):
     error=st.floats(-0.019, 0.019),
 )
 def test_the_velocity_command_is_kv_times_the_tracking_error(kv, commanded, error):
-    command = ServoDrive(DriveParameters(kv=kv)).step(setpoint(commanded), actual(commanded - error))
+    command = ServoDrive(DriveParameters(kv=kv), T).step(setpoint(commanded), actual(commanded - error))
     assert command.tracking_error == commanded - (commanded - error)
     assert command.velocity == pytest.approx(kv * command.tracking_error, rel=1e-15)
 
 
 def test_the_drive_closes_its_loop_on_the_scale_and_not_on_the_slider():
-    command = ServoDrive(DriveParameters()).step(setpoint(0.5), actual(0.499, slider_position=0.3))
+    command = ServoDrive(DriveParameters(), T).step(setpoint(0.5), actual(0.499, slider_position=0.3))
     assert command.velocity == pytest.approx(20.0 * 0.001)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_following_error_at_its_limit_passes_and_one_over_it_is_a_fault_in_mm(side):
-    drive = ServoDrive(DriveParameters(following_error_limit=0.25))
+    drive = ServoDrive(DriveParameters(following_error_limit=0.25), T)
     assert drive.step(setpoint(0.25 * side), actual(0.0)).tracking_error == 0.25 * side
     with pytest.raises(MachineFault) as fault:
         drive.step(setpoint(0.2505 * side), actual(0.0))
@@ -53,7 +55,7 @@ def test_a_following_error_at_its_limit_passes_and_one_over_it_is_a_fault_in_mm(
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_a_position_that_is_not_finite_is_a_fault_that_says_which(value):
-    drive = ServoDrive(DriveParameters())
+    drive = ServoDrive(DriveParameters(), T)
     with pytest.raises(MachineFault, match="scale value"):
         drive.step(setpoint(0.5), actual(value))
     with pytest.raises(MachineFault, match="setpoint"):

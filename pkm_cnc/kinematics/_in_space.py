@@ -13,6 +13,8 @@ from pkm_cnc.tolerances import OFF_MACHINE
 __all__ = ["in_space"]
 
 SPACE = ("x", "y", "z")
+POSITION, VELOCITY, ACCELERATION = ("", "mm"), ("v", "mm/s"), ("a", "mm/s^2")
+"""What the name of a component begins with, and its unit, in reasons."""
 
 
 def in_space(machine: Machine) -> Machine:
@@ -38,70 +40,71 @@ class _InSpace:
         self._fixed = [column for column in range(3) if column not in self._moved]
 
     def inverse(self, tcp: ArrayLike) -> Array:
-        return self._machine.inverse(self._own(tcp))
+        return self._machine.inverse(self._own(tcp, *POSITION))
 
     def forward(self, joints: ArrayLike) -> Array:
         return self._filled(self._machine.forward(joints))
 
     def forward_newton(self, joints: ArrayLike, guess: ArrayLike | None = None) -> Array:
-        own = None if guess is None else self._own(guess)
+        own = None if guess is None else self._own(guess, *POSITION)
         return self._filled(self._machine.forward_newton(joints, own))
 
     def jacobian(self, tcp: ArrayLike) -> Array:
-        return self._filled(self._machine.jacobian(self._own(tcp)))
+        return self._filled(self._machine.jacobian(self._own(tcp, *POSITION)))
 
     def inverse_jacobian(self, tcp: ArrayLike) -> Array:
-        own = self._machine.inverse_jacobian(self._own(tcp))
+        own = self._machine.inverse_jacobian(self._own(tcp, *POSITION))
         return np.swapaxes(self._filled(np.swapaxes(own, -1, -2)), -1, -2)
 
     def second_derivative(self, tcp: ArrayLike, direction: ArrayLike) -> Array:
-        return self._machine.second_derivative(self._own(tcp), self._own(direction))
+        return self._machine.second_derivative(self._own(tcp, *POSITION), self._own(direction, *VELOCITY))
 
     def motion(self, tcp: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> tuple[Array, Array, Array]:
-        return self._machine.motion(self._own(tcp), self._own(velocity), self._own(acceleration))
+        return self._machine.motion(
+            self._own(tcp, *POSITION), self._own(velocity, *VELOCITY), self._own(acceleration, *ACCELERATION)
+        )
 
     def setpoint_motion(self, start: ArrayLike, period: float) -> Motion:
-        motion = self._machine.setpoint_motion(self._own(start), period)
+        motion = self._machine.setpoint_motion(self._own(start, *POSITION), period)
 
         def in_space_motion(tcp: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> tuple[Array, Array, Array]:
-            return motion(self._own(tcp), self._own(velocity), self._own(acceleration))
+            return motion(
+                self._own(tcp, *POSITION), self._own(velocity, *VELOCITY), self._own(acceleration, *ACCELERATION)
+            )
 
         return in_space_motion
 
     def violations(self, tcp: ArrayLike) -> list[Violation]:
         poses = np.asarray(tcp, dtype=float)
-        found = [*self._outside(poses), *self._machine.violations(poses[..., self._moved])]
+        found = [*self._outside(poses, *POSITION), *self._machine.violations(poses[..., self._moved])]
         return sorted(found, key=lambda violation: violation.row or 0)
 
     def joint_violations(self, joints: ArrayLike) -> list[Violation]:
         return self._machine.joint_violations(joints)
 
     def reciprocal_condition(self, tcp: ArrayLike) -> Array:
-        return self._machine.reciprocal_condition(self._own(tcp))
+        return self._machine.reciprocal_condition(self._own(tcp, *POSITION))
 
     def sketch(self, joints: ArrayLike, tcp: ArrayLike) -> list[Segment]:
         return self._machine.sketch(joints, np.asarray(tcp, dtype=float)[..., self._moved])
 
-    def _own(self, vectors: ArrayLike) -> Array:
+    def _own(self, vectors: ArrayLike, kind: str, unit: str) -> Array:
         """The machine's coordinates of `vectors` (..., 3). Raises UnreachableError if another one is not 0."""
         array = np.asarray(vectors, dtype=float)
-        outside = self._outside(array)
+        outside = self._outside(array, kind, unit)
         if outside:
             raise unreachable(outside)
         return array[..., self._moved]
 
-    def _outside(self, vectors: Array) -> list[Violation]:
+    def _outside(self, vectors: Array, kind: str, unit: str) -> list[Violation]:
         rows, single = vectors.reshape(-1, 3), vectors.ndim == 1
-        reach = " and ".join(SPACE[column] for column in self._moved)
-        return [
-            Violation(
-                None if single else row,
-                SPACE[column := self._fixed[place]],
-                abs(value := float(rows[row, column])),
-                f"{SPACE[column]}: {1e3 * value:.4g} mm or mm/s is not 0: the machine moves the TCP in {reach} only",
-            )
-            for row, place in np.argwhere(~(np.abs(rows[:, self._fixed]) <= OFF_MACHINE)).tolist()
-        ]
+        moved = " and ".join(SPACE[column] for column in self._moved)
+        found = []
+        for row, place in np.argwhere(~(np.abs(rows[:, self._fixed]) <= OFF_MACHINE)).tolist():
+            name, value = SPACE[self._fixed[place]], float(rows[row, self._fixed[place]])
+            reason = f"{kind}{name}: {1e3 * value:.4g} {unit} is not 0: this machine moves the TCP in {moved} only"
+            found.append(Violation(None if single else row, name, abs(value), reason))
+        return found
 
     def _filled(self, own: Array) -> Array:
         """`own` (..., moved) with zeros for the other coordinates (..., 3)."""

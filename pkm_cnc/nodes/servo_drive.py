@@ -18,7 +18,7 @@ class ServoDriveNode(GraphNode):
 
     def prepare(self) -> None:
         """Make the drive."""
-        self._drive = ServoDrive(self.setup.axes[self.axis].drive)
+        self._drive = ServoDrive(self.setup.axes[self.axis].drive, self.setup.servo_period)
         self._command = f"{self.axis}/command"
 
     def step(self, cycle: int, inputs: list[tuple[Any, ...]]) -> None:

@@ -6,6 +6,8 @@ plant to integrate; `position_loop` is the whole closed loop as the transfer fun
 
 from pkm_cnc.servo.cascade import CASCADE_STATES, StateSpace, cascade_state_space
 from pkm_cnc.servo.drive_parameters import DriveParameters
+from pkm_cnc.servo.feed_forward import BalancingFilter, FilterStep, equivalent_delay, filter_step
+from pkm_cnc.servo.pid import PID_FORMS, Controller, Pid, PidController, PidGains, SampledPid
 from pkm_cnc.servo.servo_drive import ServoDrive
 from pkm_cnc.servo.transfer_function import (
     TransferFunction,
@@ -23,13 +25,23 @@ from pkm_cnc.servo.transfer_function import (
 
 __all__ = [
     "CASCADE_STATES",
+    "PID_FORMS",
+    "BalancingFilter",
+    "Controller",
     "DriveParameters",
+    "FilterStep",
+    "Pid",
+    "PidController",
+    "PidGains",
+    "SampledPid",
     "ServoDrive",
     "StateSpace",
     "TransferFunction",
     "cascade_state_space",
     "delay_time",
+    "equivalent_delay",
     "filter_setpoints",
+    "filter_step",
     "impulse_response",
     "poles",
     "position_loop",

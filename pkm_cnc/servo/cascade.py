@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pkm_cnc.servo.drive_parameters import DriveParameters
+from pkm_cnc.servo.pid import PidGains
 
 __all__ = ["CASCADE_STATES", "StateSpace", "cascade_state_space"]
 
@@ -37,15 +38,17 @@ def cascade_state_space(drive: DriveParameters, pitch: float) -> StateSpace:
     screw = pitch / (2.0 * math.pi)  # m/rad
 
     speed_error = velocity_command / screw - motor_speed
-    current_command = drive.velocity_gain * speed_error + velocity_integrator
+    velocity_controller = PidGains(drive.velocity_gain, drive.velocity_integral).continuous()
+    current_command, velocity_integration = velocity_controller.connect(speed_error, velocity_integrator[np.newaxis])
     current_error = current_command - current
-    voltage = drive.current_gain * current_error + current_integrator
+    current_controller = PidGains(drive.current_gain, drive.current_integral).continuous()
+    voltage, current_integration = current_controller.connect(current_error, current_integrator[np.newaxis])
     torque = drive.torque_constant * current
 
     derivatives = np.array(
         [
-            drive.velocity_integral * speed_error,
-            drive.current_integral * current_error,
+            *velocity_integration,
+            *current_integration,
             (voltage - drive.resistance * current) / drive.inductance,
             torque / drive.inertia,
             screw * motor_speed,

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 from pkm_cnc.parameters import parameter
+from pkm_cnc.servo.pid import PID_FORMS, Pid
 
 __all__ = ["DriveParameters"]
 
@@ -19,7 +20,7 @@ class DriveParameters:
     """Section `drive.*` of a machine, for all axes or for one.
 
     `cascade` is PI velocity, PI current and motor inside the position loop; `first_order` is an ideal velocity loop,
-    so the position loop is a first-order lag 1/(1 + s/Kv) and the parameters after `following_error_limit` are unused.
+    so the position loop is a first-order lag 1/(1 + s/Kv) and the parameters from `velocity_gain` on are unused.
     """
 
     kind: str = parameter(
@@ -36,6 +37,51 @@ class DriveParameters:
         unit="m",
         above=0.0,
     )
+    velocity_feed_forward: float = parameter(
+        0.0, "K_nV, the share of the setpoint's velocity that is added to the velocity command", unit="1", minimum=0.0
+    )
+    acceleration_feed_forward: float = parameter(
+        0.0,
+        "the setpoint's acceleration times this is added to the velocity command: it makes up for what the velocity "
+        "loop falls behind by while it accelerates",
+        unit="s",
+        minimum=0.0,
+        maximum=0.1,
+    )
+    setpoint_delay: float = parameter(
+        0.0,
+        "T_Gn of the balancing filter: delay of the velocity setpoint, for which the position controller's setpoint "
+        "waits; half a servo period is what the drive holds a command for on average",
+        unit="s",
+        minimum=0.0,
+        maximum=0.1,
+    )
+    equivalent_delay: float = parameter(
+        0.0,
+        "T_En of the balancing filter: equivalent delay of the velocity loop, by which the position controller's "
+        "setpoint lags; 0.00082 s balances the default cascade, 0 a first_order drive",
+        unit="s",
+        minimum=0.0,
+        maximum=0.1,
+    )
+    position_form: str = parameter(
+        "ideal", "form of the position controller's PID algorithm, whose gain is kv", choices=PID_FORMS
+    )
+    position_integral_time: float = parameter(
+        0.0, "of the position controller; 0 = no integral action", unit="s (parallel form: s^2)", minimum=0.0
+    )
+    position_derivative_time: float = parameter(
+        0.0, "of the position controller; 0 = none", unit="s (parallel form: 1)", minimum=0.0
+    )
+    position_derivative_filter: float = parameter(
+        0.001, "time constant of the lag on the position controller's derivative part", unit="s", above=0.0
+    )
+    velocity_limit: float = parameter(
+        0.0,
+        "largest velocity command, which stops the integral action while it lasts; 0 = none",
+        unit="m/s",
+        minimum=0.0,
+    )
     velocity_gain: float = parameter(
         2.0 * math.pi * 2.4, "proportional gain of the velocity controller", unit="A s/rad", above=0.0
     )
@@ -50,3 +96,14 @@ class DriveParameters:
     inertia: float = parameter(
         0.0087, "of motor, screw and slider together, at the motor's shaft", unit="kg m^2", above=0.0
     )
+
+    @property
+    def position_controller(self) -> Pid:
+        """The position controller: from position error (m) to velocity command (m/s)."""
+        return Pid(
+            self.position_form,
+            self.kv,
+            self.position_integral_time or math.inf,
+            self.position_derivative_time,
+            self.position_derivative_filter,
+        )
