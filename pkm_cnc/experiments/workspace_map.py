@@ -25,9 +25,9 @@ __all__ = ["EXPERIMENT"]
 
 STARS = (
     "Error of a star: largest size over the headings of the mean contour error over the middle half of each line, in "
-    "the plane and in z. Lines begin at rest; the drives are computed by the exact array path, and some lines nearest to "
-    "the start pose are run once more as a part program. A pivot with a line that cannot be run is left out, the table "
-    "says why."
+    "the plane and in z. Lines begin at rest; the drives are computed by the exact array path, and some lines nearest "
+    "to the start pose are run once more as a part program. A pivot with a line that cannot be run is left out, the "
+    "table says why."
 )
 GAINS = (
     "Condition number of J = du/dP: 1 isotropic, infinite singular. Velocity gain: speed of the fastest drive per "
