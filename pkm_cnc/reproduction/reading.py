@@ -56,10 +56,10 @@ def exponent(x: Sequence[float], y: Sequence[float]) -> float:
 
 
 def zero_heading(
-    evidence: Evidence, machine: str, feed: float, expected: float, pivot: tuple[float, float]
+    evidence: Evidence, machine: str, feed: float, expected: float, pivot: tuple[float, float], beside: float = 1.0
 ) -> float:
-    """Heading (deg) at which the in-plane error is zero, on the secant of the lines a degree to either side."""
-    before, after = expected - 1.0, expected + 1.0
+    """Heading (deg) at which the in-plane error is zero, on the secant of the lines `beside` deg to either side."""
+    before, after = expected - beside, expected + beside
     lines = evidence.star(machine, feed, (before, after), pivot=pivot)
     one, other = left_um(lines[before]), left_um(lines[after])
     return before - one * (after - before) / (other - one)
