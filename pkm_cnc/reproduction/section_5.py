@@ -229,14 +229,15 @@ def _arc(evidence: Evidence, direction: str) -> _Arc:
     )
     trial = evidence.trial("bipod", program)
     [(segment, path)] = trial.evaluation.circles().items()
-    rows = trial.cycles_of(segment)
+    ahead = round(2.0 / KV / trial.setup.servo_period)  # the setpoint leaves the arc 1/Kv before the tool
+    rows = trial.cycles_of(segment)[:-ahead]
     setpoint = trial.axis_setpoint[rows]
     return _Arc(
         machine=trial.setup.machine,
         u=setpoint[..., 0],
         rate=setpoint[..., 1],
         lag=trial.tracking_error[rows],
-        deviation=path.deviation,
+        deviation=path.deviation[:-ahead],
         center=tuple(path.arc.center),
         radius=path.arc.radius,
     )
