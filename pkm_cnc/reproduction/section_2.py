@@ -28,7 +28,11 @@ HEADINGS = (0.0, 15.0, 45.0, 100.0)
 RADIUS_MM, FEED_MM_MIN, KV = 100.0, 3000.0, 20.0
 
 
-@claim("2.2.2 (fig. 2-3-a)", "A first-order system's impulse response decays to zero; t_d is its time constant.", "transfer function")
+@claim(
+    "2.2.2 (fig. 2-3-a)",
+    "A first-order system's impulse response decays to zero; t_d is its time constant.",
+    "transfer function",
+)
 def first_order_impulse(evidence: Evidence) -> Outcome:
     t_d = 0.05
     response = impulse_response(TransferFunction((1.0,), (t_d, 1.0)), np.arange(21) * t_d)
@@ -39,7 +43,9 @@ def first_order_impulse(evidence: Evidence) -> Outcome:
     )
 
 
-@claim("2.2.2 (fig. 2-3-b)", "Second order: the area under the impulse response up to t_p is 1 + M_p.", "transfer function")
+@claim(
+    "2.2.2 (fig. 2-3-b)", "Second order: the area under the impulse response up to t_p is 1 + M_p.", "transfer function"
+)
 def area_to_peak(evidence: Evidence) -> Outcome:
     from scipy import integrate
 
@@ -74,7 +80,9 @@ def serial_pid(evidence: Evidence) -> Outcome:
     )
 
 
-@claim("2.2.3", "With P control alone a higher gain is faster and leaves less error, but never none.", "transfer function")
+@claim(
+    "2.2.3", "With P control alone a higher gain is faster and leaves less error, but never none.", "transfer function"
+)
 def proportional_control(evidence: Evidence) -> Outcome:
     """Around a first-order plant, 1/(s + 1)."""
     gains = (1.0, 4.0, 16.0)
@@ -94,7 +102,11 @@ def integral_control(evidence: Evidence) -> Outcome:
     return judged(abs(left) < 1e-9, f"4 + 4/s around 1/(s + 1): {left:.1e} of a step is left")
 
 
-@claim("2.2.3, 4.2.4", "With a high proportional gain the loop overshoots, and in the end is unstable.", "transfer function")
+@claim(
+    "2.2.3, 4.2.4",
+    "With a high proportional gain the loop overshoots, and in the end is unstable.",
+    "transfer function",
+)
 def high_gain(evidence: Evidence) -> Outcome:
     gains = (20.0, 600.0, 1000.0)
     over = [float(step_response(position_loop(DriveParameters(kv=kv)), SHORT).max()) - 1.0 for kv in gains]
@@ -161,7 +173,11 @@ def lag_is_v_over_kv(evidence: Evidence) -> Outcome:
     )
 
 
-@claim("2.2.4 (2-11)", "On a parallel machine too the gain at the TCP equals that of the drives: K_V-U = K_V-X.", "star test")
+@claim(
+    "2.2.4 (2-11)",
+    "On a parallel machine too the gain at the TCP equals that of the drives: K_V-U = K_V-X.",
+    "star test",
+)
 def gain_at_the_tcp(evidence: Evidence) -> Outcome:
     lines = evidence.star("tripod", 6000.0, (15.0,), pivot=OFF_AXIS)
     line = lines[15.0]
@@ -182,9 +198,7 @@ OFF_AXIS = (80.0, -60.0)
 def gain_at_low_speed(evidence: Evidence) -> Outcome:
     feeds = (1500.0, 6000.0)
     lines = [evidence.star("tripod", feed, (15.0,), pivot=OFF_AXIS)[15.0] for feed in feeds]
-    share = [
-        1e-3 * line["contour_error_3d_um"]["mean"] / line["tracking_error_mm"]["mean"] for line in lines
-    ]
+    share = [1e-3 * line["contour_error_3d_um"]["mean"] / line["tracking_error_mm"]["mean"] for line in lines]
     power = exponent(feeds, share)
     return judged(
         abs(power - 1.0) < 0.05,

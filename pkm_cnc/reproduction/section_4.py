@@ -66,7 +66,9 @@ def gear_ratio(evidence: Evidence) -> Outcome:
     return judged(off < 1e-8, f"{off:.1e} from the differences of 4-9 at most, gamma {GAMMA} rad")
 
 
-@claim("4.2.2 (4-4)", "The strut's length follows from x0, u0 and gamma: three parameters are independent.", "kinematics")
+@claim(
+    "4.2.2 (4-4)", "The strut's length follows from x0, u0 and gamma: three parameters are independent.", "kinematics"
+)
 def length_follows(evidence: Evidence) -> Outcome:
     errors = ("geometry.inclination=0.002", "geometry.tcp_offset=0.0005", "geometry.slider_offset=-0.0003")
     monopod = evidence.setup("monopod", *errors, "geometry.closure=start", "geometry.start_x=0.3").kinematics
@@ -106,7 +108,9 @@ def gear_ratio_varies(evidence: Evidence) -> Outcome:
 @claim("4.2.3", "The ratio of the speeds of u and x grows greatly towards large x.", "kinematics")
 def gear_ratio_grows(evidence: Evidence) -> Outcome:
     ratio = np.abs(evidence.setup("monopod").kinematics.jacobian(_points(X)).ravel())
-    return judged(bool((np.diff(ratio) > 0.0).all() and ratio[-1] > 10.0 * ratio[0]), f"{ratio[-1] / ratio[0]:.1f} times")
+    return judged(
+        bool((np.diff(ratio) > 0.0).all() and ratio[-1] > 10.0 * ratio[0]), f"{ratio[-1] / ratio[0]:.1f} times"
+    )
 
 
 @claim("4.2.3 (fig. 4-8)", "10,000 mm/min and Kv 3 [1000/min] make a tracking error of 3.333 mm.", "Cartesian")
@@ -168,7 +172,11 @@ def _overshoot(evidence: Evidence, position_mm: float) -> float:
     return float(velocity.max() / 0.050 - 1.0)
 
 
-@claim("4.2.4 (figs. 4-9, 4-10)", "With the strut more horizontal a higher Kv is possible before the TCP overshoots.", "simulation")
+@claim(
+    "4.2.4 (figs. 4-9, 4-10)",
+    "With the strut more horizontal a higher Kv is possible before the TCP overshoots.",
+    "simulation",
+)
 def stability_over_position(evidence: Evidence) -> Outcome:
     low, high = (_overshoot(evidence, 1e3 * float(x)) for x in (RANGE[0], 0.500))
     return judged(
@@ -208,9 +216,7 @@ def _by_4_17_b(u_s: Array, lag: Array, gamma: float) -> Array:
     sine = math.sin(gamma)
     root = np.sqrt(LENGTH**2 - (u_s - lag) ** 2 * square)
     return np.asarray(
-        lag
-        * ((u_s - lag) * square + root * sine)
-        / (root * (lag * sine + root - np.sqrt(LENGTH**2 - u_s**2 * square)))
+        lag * ((u_s - lag) * square + root * sine) / (root * (lag * sine + root - np.sqrt(LENGTH**2 - u_s**2 * square)))
     )
 
 
@@ -318,7 +324,11 @@ def slower_at_the_same_place(evidence: Evidence) -> Outcome:
     )
 
 
-@claim("4.4.3", "The drive's tracking error is larger where it decelerates (-x) than where it accelerates (+x).", "simulation")
+@claim(
+    "4.4.3",
+    "The drive's tracking error is larger where it decelerates (-x) than where it accelerates (+x).",
+    "simulation",
+)
 def drive_lag_larger_in_minus_x(evidence: Evidence) -> Outcome:
     forth, back = (travel(evidence, 18000.0, way).drive_lag for way in (1, -1))
     return judged(

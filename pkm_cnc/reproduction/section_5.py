@@ -297,7 +297,8 @@ def circle_as_printed(evidence: Evidence) -> Outcome:
 def varies_around_the_circle(evidence: Evidence) -> Outcome:
     deviation = evidence.circle("bipod", FEED, 1e3 * RADIUS).report["radial_deviation_um"]
     return judged(
-        deviation["max"] > 1.05 * deviation["min"], f"R 100 mm, 3000 mm/min: {deviation['min']:.2f} to {deviation['max']:.2f} um"
+        deviation["max"] > 1.05 * deviation["min"],
+        f"R 100 mm, 3000 mm/min: {deviation['min']:.2f} to {deviation['max']:.2f} um",
     )
 
 

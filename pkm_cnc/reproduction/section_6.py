@@ -155,9 +155,7 @@ def zero_headings(evidence: Evidence) -> Outcome:
 @claim("6.4.1.2", "In all other directions the distance to the line is almost constant.", "star test")
 def distance_is_almost_constant(evidence: Evidence) -> Outcome:
     lines = evidence.star("tripod", 6000.0, EVERY_15_DEG).values()
-    spread = max(
-        line["contour_error_um"]["std"] / abs(left_um(line)) for line in lines if abs(left_um(line)) > 1.0
-    )
+    spread = max(line["contour_error_um"]["std"] / abs(left_um(line)) for line in lines if abs(left_um(line)) > 1.0)
     return judged(spread < 0.1, f"standard deviation at most {100 * spread:.1f} % of the mean, on the middle half")
 
 
@@ -322,7 +320,9 @@ def extrema_go_with_beta(evidence: Evidence) -> Outcome:
     )
 
 
-@claim("6.5.2 (fig. 6-28)", "A larger radius lowers largest and smallest deviation and raises the circularity.", "circle")
+@claim(
+    "6.5.2 (fig. 6-28)", "A larger radius lowers largest and smallest deviation and raises the circularity.", "circle"
+)
 def larger_radius(evidence: Evidence) -> Outcome:
     radii = (50.0, 100.0, 150.0)
     reports = [_circle(evidence, radius=radius).report for radius in radii]
@@ -390,7 +390,9 @@ def mismatch_grows_with_feed(evidence: Evidence) -> Outcome:
     return judged(fast / slow > 1.1, f"45 deg: {slow:+.1f} um at 3000 mm/min, {fast:+.1f} um at 6000: linear in v")
 
 
-@claim("6.4.1.2, 6.6", "On perpendicular axes with unequal gains the deviation changes side with the travel.", "Cartesian")
+@claim(
+    "6.4.1.2, 6.6", "On perpendicular axes with unequal gains the deviation changes side with the travel.", "Cartesian"
+)
 def mismatch_changes_side(evidence: Evidence) -> Outcome:
     error = _mismatched(evidence, 3000.0)
     forth, back = error[45], error[225]
