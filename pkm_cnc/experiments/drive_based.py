@@ -200,7 +200,7 @@ def _entry(segment: Recomputed) -> dict[str, Any]:
     entry["feed_mm_min"] = 60e3 * element.feed
     for part, values in deviations.items():
         entry[f"{part}_mean_um"] = {name: UM * float(value.mean()) for name, value in values.items()}
-    for name in ("recorded", "velocity", "estimated", "actual velocity"):
+    for name in list(segment.first)[1:]:
         entry[f"{name.replace(' ', '_')}_largest_difference_pm"] = {
             part: PM * float(np.abs(values[name] - values["nearest"]).max())
             for part, values in deviations.items()
