@@ -10,7 +10,7 @@ import numpy as np
 from pkm_cnc.kinematics._pointwise import Component, everywhere
 from pkm_cnc.kinematics.machine import Array, Violation, unreachable
 
-__all__ = ["by_row", "not_finite", "refuse_rates"]
+__all__ = ["by_row", "finite", "not_finite", "refuse_rates"]
 
 
 def not_finite(rows: Array, names: Sequence[str]) -> list[Violation]:
@@ -28,11 +28,18 @@ def by_row(violations: list[Violation], *, single: bool) -> list[Violation]:
     return sorted(violations, key=lambda violation: violation.row or 0)
 
 
+def finite(components: Sequence[Component]) -> bool:
+    """Whether every one of the components, of the one pose or of all poses, is a finite number."""
+    nothing: Component = 0.0
+    for component in components:
+        nothing = nothing + (component - component)  # 0, but NaN for NaN and infinity
+    return everywhere(nothing == 0.0)
+
+
 def refuse_rates(coordinates: Sequence[str], velocity: Sequence[Component], acceleration: Sequence[Component]) -> None:
     """Raise UnreachableError, naming row and component, if a velocity or an acceleration is not finite."""
     rates = [*velocity, *acceleration]
-    total = sum(rates[1:], rates[0])
-    if not everywhere(total - total == 0.0):  # fails for NaN and infinity
+    if not finite(rates):
         table = np.stack(rates, axis=-1)
         names = [f"{kind}{name}" for kind in "va" for name in coordinates]
         raise unreachable(by_row(not_finite(table.reshape(-1, len(names)), names), single=table.ndim == 1))

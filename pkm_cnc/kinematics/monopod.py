@@ -177,12 +177,12 @@ class Monopod:
         Raises UnreachableError as `forward`, and for a guess on the other side.
         """
         sliders = np.asarray(joints, dtype=float)
-        true = sliders.reshape(1, -1) + self._du
-        if guess is None:
-            start = self._right * self.strut_length - true * self._sin
-        else:
-            start = np.broadcast_to(guess, sliders.shape).reshape(1, -1) + self._dx
         with np.errstate(all="ignore"):  # rows that do not converge are refused next
+            true = sliders.reshape(1, -1) + self._du
+            if guess is None:
+                start = self._right * self.strut_length - true * self._sin
+            else:
+                start = np.broadcast_to(guess, sliders.shape).reshape(1, -1) + self._dx
             poses, unfinished = newton(lambda pose, rows: self._newton_step(pose, true[:, rows]), start)
             right = (self._right * (poses + true * self._sin) > 0.0)[0]
         right[unfinished] = False
