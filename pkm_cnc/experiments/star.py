@@ -13,7 +13,7 @@ import numpy as np
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import line_report, star_program
 from pkm_cnc.experiments._law import drift, kappa
-from pkm_cnc.experiments._machine import place, points, require_plane
+from pkm_cnc.experiments._machine import place, points, require_plane, resting
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab
 from pkm_cnc.parameters import parameter
 from pkm_cnc.program import Line
@@ -75,7 +75,8 @@ class Star:
     """As `evaluate --json` has them."""
     mean: Judged
     law: Judged | None
-    zeros: Sequence[float]
+    zeros: Sequence[float] | None
+    """Headings without error in the plane, deg; None where they were not looked for."""
     law_zeros: Sequence[float]
 
     @property
@@ -85,7 +86,7 @@ class Star:
 
 
 def _run(lab: Lab, options: Options) -> Findings:
-    setup = lab.setup()
+    setup = lab.setup(resting(lab.setup()))
     require_plane(setup, "star")
     factor = kappa(setup)
     wanted = [(pivot, feed) for pivot in points(options.pivot) for feed in options.feeds]
@@ -111,7 +112,9 @@ def _star(
     headings = sorted(set(options.headings))
     lines = run(headings)
     mean = Judged(*(_figure(lines, key, "mean") for key in ("contour_error_um", "contour_error_z_um")))
-    zeros = _zeros(headings, mean.left, lambda heading: float(_figure(run([heading]), "contour_error_um", "mean")[0]))
+    zeros = None
+    if feed == options.feeds[0]:
+        zeros = _zeros(headings, mean.left, lambda heading: float(_figure(run([heading]), "contour_error_um", "mean")[0]))
     law, law_zeros = None, []
     if factor is not None:
         scale = 1e6 * factor * (feed / 60e3) ** 2
@@ -179,7 +182,9 @@ def _tables(stars: Sequence[Star]) -> list[Table]:
                 + [error["mean"], error["std"], error["max_abs"], law[0], up["mean"], law[1]]
             )
     zeros: list[list[str | float | None]] = [
-        [place(star.pivot)[:-3], star.feed, _listed(star.zeros), _listed(star.law_zeros)] for star in stars
+        [place(star.pivot)[:-3], star.feed, _listed(star.zeros), _listed(star.law_zeros)]
+        for star in stars
+        if star.zeros is not None
     ]
     return [
         Table("Contour error of every line over its middle half", columns, rows),
@@ -257,8 +262,9 @@ def _remarks(stars: Sequence[Star]) -> list[str]:
     remarks = [
         "left: + = the tool is left of travel, seen from +z; z: + = above. Mean, std and largest size over the cycles "
         "whose actual TCP projects onto the middle half of the line.",
-        f"zeros: headings at which the simulated mean error in the plane is zero, found to {ZERO_RESOLUTION} deg by "
-        "running lines between two sampled headings whose errors are on opposite sides. The law's are beside them.",
+        f"zeros: headings at which the simulated mean error in the plane is zero, at the first feed, found to "
+        f"{ZERO_RESOLUTION} deg by running lines between two sampled headings whose errors are on opposite sides. The law's are beside them.",
+        "Every line begins at rest (in position within 1 nm), unless the scales have a resolution.",
     ]
     if all(star.law is None for star in stars):
         remarks.append("The drives are not equal: the law for equal drives is left out.")
