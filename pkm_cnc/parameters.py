@@ -33,6 +33,8 @@ class Parameter:
     choices: tuple[str, ...]
     length: int | None
     """Of a tuple; None = any but 0."""
+    each: int = 1
+    """How many numbers of a tuple belong together: 2 in a list of points x, y."""
 
     def check(self, value: object, key: str) -> Value:
         """Return `value` in this parameter's type.
@@ -59,6 +61,8 @@ class Parameter:
             raise InputError(f"{key}: no numbers given")
         if self.length is not None and len(values) != self.length:
             raise InputError(f"{key}: {len(values)} numbers given, {self.length} wanted")
+        if len(values) % self.each:
+            raise InputError(f"{key}: {len(values)} numbers given, a multiple of {self.each} wanted")
         numbers = []
         for index, value in enumerate(values):
             if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -99,14 +103,15 @@ def parameter(
     maximum: float | None = None,
     choices: tuple[str, ...] = (),
     any_length: bool = False,
+    each: int = 1,
 ) -> Any:
     """A dataclass field that is a parameter: default (its type is the parameter's), meaning, unit, bounds.
 
     `above` is an exclusive lower bound. A tuple is a list of as many numbers, or with `any_length` of one or more, each
-    within the bounds.
+    within the bounds; `each` of them belong together.
     """
     length = len(default) if isinstance(default, tuple) and not any_length else None
-    spec = Parameter("", default, doc, unit, above, minimum, maximum, choices, length)
+    spec = Parameter("", default, doc, unit, above, minimum, maximum, choices, length, each)
     return dataclasses.field(default=default, metadata={"parameter": spec})
 
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from pkm_cnc import __version__
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import SegmentSummary
+from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.messages import deserialize, message, serialize
 from pkm_cnc.program import Arc, Line, Program
 from pkm_cnc.records import Vector
@@ -36,6 +37,13 @@ class End(NamedTuple):
     def completed(self) -> bool:
         """Whether the part program ran to its end and everything is recorded."""
         return not self.reason
+
+    def require_completed(self) -> None:
+        """Raise what ended the run, InputError or MachineFault by its exit code, if it did not complete."""
+        if not self.completed:
+            raise (InputError if self.exit_code == InputError.exit_code else MachineFault)(
+                f"{self.node}: {self.reason}"
+            )
 
 
 def run_info(setup: Setup, program: Program) -> bytes:

@@ -14,10 +14,14 @@ from pkm_cnc.errors import InputError
 __all__ = ["add_bag", "add_machine", "add_program", "print_bag", "setup_of", "write_text"]
 
 
-def add_machine(parser: argparse.ArgumentParser) -> None:
-    """Add --machine and --set."""
+def add_machine(parser: argparse.ArgumentParser, default: str | None = None) -> None:
+    """Add --machine, which must be given if it has no default, and --set."""
     parser.add_argument(
-        "--machine", required=True, metavar="F", help="machine file, or the bare name of one in config/"
+        "--machine",
+        required=default is None,
+        default=default,
+        metavar="F",
+        help="machine file, or the bare name of one in config/" + (f" ({default})" if default else ""),
     )
     parser.add_argument(
         "--set",

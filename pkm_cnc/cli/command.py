@@ -4,61 +4,36 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import sys
 from collections.abc import Sequence
-from typing import Any, NoReturn
 
 from pkm_cnc import __version__
-from pkm_cnc.cli import check, evaluate, kinematics, program, run, simulate
+from pkm_cnc.cli import check, evaluate, experiment, kinematics, program, run, simulate
+from pkm_cnc.cli.parser import Parser, joined
 from pkm_cnc.errors import PkmError
 
 __all__ = ["main"]
 
-SUBCOMMANDS = (program, check, run, simulate, evaluate, kinematics)
-SIGNED_LISTS = ("--headings",)
-"""Options whose value may begin with a minus sign without being a number: joined with "=" for argparse."""
-
-
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")  # argparse's has no 1e-3
-
-    def error(self, message: str) -> NoReturn:
-        print(f"{self.prog}: {message} (see {self.prog} --help)", file=sys.stderr)
-        sys.exit(2)
+SUBCOMMANDS = (program, check, run, simulate, evaluate, kinematics, experiment)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+    parser = Parser(
         prog="pkm_cnc",
         description="CNC controller of a parallel kinematic machine: runs a part program through the machine's drives "
         "and tells how far the tool leaves the contour.",
         epilog="Exit status: 0 done, 1 a fault while running, 2 bad input. Errors are one line on stderr.",
     )
     parser.add_argument("--version", action="version", version=f"pkm_cnc {__version__}")
-    subparsers = parser.add_subparsers(title="subcommands", metavar="SUBCOMMAND", required=True, parser_class=_Parser)
+    subparsers = parser.add_subparsers(title="subcommands", metavar="SUBCOMMAND", required=True, parser_class=Parser)
     for module in SUBCOMMANDS:
         module.add_parser(subparsers)
     return parser
 
 
-def _joined(arguments: Sequence[str]) -> list[str]:
-    joined: list[str] = []
-    for argument in arguments:
-        if joined and joined[-1] in SIGNED_LISTS:
-            joined[-1] += f"={argument}"
-        else:
-            joined.append(argument)
-    return joined
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parsed = _parser().parse_args(_joined(sys.argv[1:] if arguments is None else arguments))
+    parsed = _parser().parse_args(joined(sys.argv[1:] if arguments is None else arguments))
     try:
         parsed.action(parsed)
         sys.stdout.flush()

@@ -11,7 +11,6 @@ from pkm_cnc.bringup import prepare_environment, run_in_one_process, run_in_proc
 from pkm_cnc.check import prepare
 from pkm_cnc.cli.arguments import add_bag, add_program, print_bag, setup_of
 from pkm_cnc.cli.progress import live_line
-from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.program import read_program
 
 __all__ = ["add_parser"]
@@ -47,6 +46,5 @@ def _run(arguments: argparse.Namespace) -> None:
     with live_line("run", setup.servo_period) as show:
         end = run_graph(setup, arguments.program, arguments.bag, arguments.pacing, show)
     wall = time.monotonic() - started
-    if not end.completed:
-        raise (InputError if end.exit_code == InputError.exit_code else MachineFault)(f"{end.node}: {end.reason}")
+    end.require_completed()
     print_bag(arguments.bag, (end.cycle + 1) * setup.servo_period, wall)

@@ -26,6 +26,7 @@ from pkm_cnc.contour.drive_based import (
     tcp_velocity,
 )
 from pkm_cnc.contour.monitor import ContourMonitor, in_position
+from pkm_cnc.contour.program_text import parse_numbers
 from pkm_cnc.contour.star_test import heading_deg, line_report, parse_headings, star_program
 from pkm_cnc.contour.summary import SegmentStatistics, SegmentSummary, contour_error_report, judged_range
 
@@ -55,6 +56,7 @@ __all__ = [
     "line_contour_error",
     "line_report",
     "parse_headings",
+    "parse_numbers",
     "star_program",
     "tcp_tracking_error",
     "tcp_velocity",

@@ -5,7 +5,34 @@ from collections.abc import Sequence
 
 from pkm_cnc.errors import InputError
 
-__all__ = ["coordinate", "number", "require_finite", "require_positive", "rounded"]
+__all__ = ["coordinate", "number", "parse_numbers", "require_finite", "require_positive", "rounded"]
+
+_MOST = 3600
+"""Numbers that a list first:last:step may have."""
+
+
+def parse_numbers(text: str, name: str, unit: str) -> list[float]:
+    """Numbers from "first:last:step" (last included where a step meets it) or from a comma list.
+
+    Raises InputError, calling the list `name`, for what is no such list, a step that is 0 or leads away from `last`,
+    too many numbers.
+    """
+    separator = ":" if ":" in text else ","
+    try:
+        numbers = [float(part) for part in text.split(separator)]
+    except ValueError:
+        numbers = []
+    if not numbers or not all(map(math.isfinite, numbers)) or (separator == ":" and len(numbers) != 3):
+        raise InputError(f"{name}: {text!r} is neither first:last:step nor a comma list of numbers, in {unit}")
+    if separator == ",":
+        return numbers
+    first, last, step = numbers
+    if step == 0.0 or (last - first) / step < 0.0:
+        raise InputError(f"{name}: a step of {step:g} {unit} does not lead from {first:g} to {last:g} {unit}")
+    steps = (last - first) / step + 1e-9  # the last one counts in spite of rounding
+    if steps >= _MOST:
+        raise InputError(f"{name}: {text!r} makes {steps + 1:.0f} numbers, over the most of {_MOST}")
+    return [first + index * step for index in range(int(steps) + 1)]
 
 
 def rounded(value: float) -> float:

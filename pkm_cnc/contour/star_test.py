@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from pkm_cnc.contour.program_text import coordinate, number, require_finite, require_positive, rounded
+from pkm_cnc.contour.program_text import coordinate, number, parse_numbers, require_finite, require_positive, rounded
 from pkm_cnc.contour.summary import SegmentSummary, contour_error_report
 from pkm_cnc.errors import InputError
 from pkm_cnc.program import Line
@@ -13,30 +13,13 @@ from pkm_cnc.tolerances import VERTICAL
 
 __all__ = ["heading_deg", "line_report", "parse_headings", "star_program"]
 
-_MOST_HEADINGS = 3600
-
 
 def parse_headings(text: str) -> list[float]:
     """Headings in degrees from "first:last:step" (last included where a step meets it) or from a comma list.
 
     Raises InputError for what is no such list, a step that is 0 or leads away from `last`, too many headings.
     """
-    separator = ":" if ":" in text else ","
-    try:
-        numbers = [float(part) for part in text.split(separator)]
-    except ValueError:
-        numbers = []
-    if not numbers or not all(map(math.isfinite, numbers)) or (separator == ":" and len(numbers) != 3):
-        raise InputError(f"headings: {text!r} is neither first:last:step nor a comma list of numbers, in degrees")
-    if separator == ",":
-        return numbers
-    first, last, step = numbers
-    if step == 0.0 or (last - first) / step < 0.0:
-        raise InputError(f"headings: a step of {step:g} deg does not lead from {first:g} to {last:g} deg")
-    steps = (last - first) / step + 1e-9  # the last one counts in spite of rounding
-    if steps >= _MOST_HEADINGS:
-        raise InputError(f"headings: {text!r} makes {steps + 1:.0f} headings, over the most of {_MOST_HEADINGS}")
-    return [first + index * step for index in range(int(steps) + 1)]
+    return parse_numbers(text, "headings", "deg")
 
 
 def star_program(feed_mm_min: float, headings_deg: Sequence[float], pivot_mm: Sequence[float], length_mm: float) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.experiments.trial import Runner, Trial
@@ -26,6 +29,11 @@ class Findings:
     data: dict[str, Any]
     remarks: Sequence[str] = ()
     """Sentences that a reader needs beside them: definitions used, what the outcome means, what was left out."""
+
+    def to_json(self) -> dict[str, Any]:
+        """`data` in the types of JSON: arrays as lists, what is no finite number as None."""
+        plain: dict[str, Any] = _plain(self.data)
+        return plain
 
 
 @dataclass(frozen=True)
@@ -67,3 +75,13 @@ class Experiment:
     """The machine it runs on unless another is given."""
     options: type[Any]
     run: Callable[[Lab, Any], Findings]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -2,5 +2,6 @@
 
 from pkm_cnc.report.pictures import draw
 from pkm_cnc.report.tables import table
+from pkm_cnc.report.text import text_table
 
-__all__ = ["draw", "table"]
+__all__ = ["draw", "table", "text_table"]
