@@ -67,7 +67,7 @@ def zero_heading(
 
 def per_degree(path: CirclePath) -> Array:
     """Radial deviation, um, at 0, 1, ..., 359 deg of actual angle, (360,)."""
-    return 1e6 * path.by_angle[:: len(path.by_angle) // 360]
+    return np.asarray(1e6 * path.by_angle[:: len(path.by_angle) // 360])
 
 
 def _turn(setup: Setup, radius: float) -> tuple[Array, Array, Array]:
@@ -82,7 +82,8 @@ def circle_motion(setup: Setup, radius: float, speed: float) -> tuple[Array, Arr
     """Angles (deg, (n,)) of a programmed counter-clockwise circle (m, m/s); u, du/dt, d2u/dt2 of the axes, (n, m)."""
     angles, outward, points = _turn(setup, radius)
     along = np.stack([-outward[:, 1], outward[:, 0], outward[:, 2]], axis=1)
-    return (angles, *setup.machine.motion(points, speed * along, -speed * speed / radius * outward))
+    u, velocity, acceleration = setup.machine.motion(points, speed * along, -speed * speed / radius * outward)
+    return angles, u, velocity, acceleration
 
 
 def strut_angles(setup: Setup, radius: float) -> tuple[Array, Array]:

@@ -28,7 +28,11 @@ HEADINGS = (0.0, 15.0, 45.0, 100.0)
 RADIUS_MM, FEED_MM_MIN, KV = 100.0, 3000.0, 20.0
 
 
-@claim("2.2.2 (fig. 2-3-a)", "A first-order system's impulse response decays to zero; t_d is its time constant.", "transfer function")
+@claim(
+    "2.2.2 (fig. 2-3-a)",
+    "A first-order system's impulse response decays to zero; t_d is its time constant.",
+    "transfer function",
+)
 def first_order_impulse(evidence: Evidence) -> Outcome:
     t_d = 0.05
     response = impulse_response(TransferFunction((1.0,), (t_d, 1.0)), np.arange(21) * t_d)
@@ -39,7 +43,9 @@ def first_order_impulse(evidence: Evidence) -> Outcome:
     )
 
 
-@claim("2.2.2 (fig. 2-3-b)", "Second order: the area under the impulse response up to t_p is 1 + M_p.", "transfer function")
+@claim(
+    "2.2.2 (fig. 2-3-b)", "Second order: the area under the impulse response up to t_p is 1 + M_p.", "transfer function"
+)
 def area_to_peak(evidence: Evidence) -> Outcome:
     from scipy import integrate
 
@@ -74,7 +80,9 @@ def serial_pid(evidence: Evidence) -> Outcome:
     )
 
 
-@claim("2.2.3", "With P control alone a higher gain is faster and leaves less error, but never none.", "transfer function")
+@claim(
+    "2.2.3", "With P control alone a higher gain is faster and leaves less error, but never none.", "transfer function"
+)
 def proportional_control(evidence: Evidence) -> Outcome:
     """Around a first-order plant, 1/(s + 1)."""
     gains = (1.0, 4.0, 16.0)
@@ -94,7 +102,11 @@ def integral_control(evidence: Evidence) -> Outcome:
     return judged(abs(left) < 1e-9, f"4 + 4/s around 1/(s + 1): {left:.1e} of a step is left")
 
 
-@claim("2.2.3, 4.2.4", "With a high proportional gain the loop overshoots, and in the end is unstable.", "transfer function")
+@claim(
+    "2.2.3, 4.2.4",
+    "With a high proportional gain the loop overshoots, and in the end is unstable.",
+    "transfer function",
+)
 def high_gain(evidence: Evidence) -> Outcome:
     gains = (20.0, 600.0, 1000.0)
     over = [float(step_response(position_loop(DriveParameters(kv=kv)), SHORT).max()) - 1.0 for kv in gains]
@@ -107,8 +119,8 @@ def high_gain(evidence: Evidence) -> Outcome:
             unstable = middle
     return judged(
         over[0] < 1e-6 < over[1] < over[2] and unstable < 1e5 - 1.0,
-        f"default drive: overshoot {100 * max(over[0], 0.0):.1f}, {100 * over[1]:.1f}, {100 * over[2]:.1f} % of a step at Kv 20, 600, "
-        f"1000 1/s; unstable from Kv {unstable:.0f} 1/s",
+        f"default drive: overshoot {100 * max(over[0], 0.0):.1f}, {100 * over[1]:.1f}, {100 * over[2]:.1f} % of a step "
+        f"at Kv 20, 600, 1000 1/s; unstable from Kv {unstable:.0f} 1/s",
     )
 
 
@@ -126,7 +138,8 @@ def bandwidths(evidence: Evidence) -> Outcome:
     bands = [_bandwidth(loop) for loop in (position, velocity, current_loop)]
     return judged(
         bands[0] < bands[1] < bands[2],
-        f"-3 dB of the default drive: position {bands[0]:.1f} Hz, velocity {bands[1]:.0f} Hz, current {bands[2]:.0f} Hz",
+        f"-3 dB of the default drive: position {bands[0]:.1f} Hz, velocity {bands[1]:.0f} Hz, "
+        f"current {bands[2]:.0f} Hz",
     )
 
 
@@ -161,7 +174,11 @@ def lag_is_v_over_kv(evidence: Evidence) -> Outcome:
     )
 
 
-@claim("2.2.4 (2-11)", "On a parallel machine too the gain at the TCP equals that of the drives: K_V-U = K_V-X.", "star test")
+@claim(
+    "2.2.4 (2-11)",
+    "On a parallel machine too the gain at the TCP equals that of the drives: K_V-U = K_V-X.",
+    "star test",
+)
 def gain_at_the_tcp(evidence: Evidence) -> Outcome:
     lines = evidence.star("tripod", 6000.0, (15.0,), pivot=OFF_AXIS)
     line = lines[15.0]
@@ -182,14 +199,12 @@ OFF_AXIS = (80.0, -60.0)
 def gain_at_low_speed(evidence: Evidence) -> Outcome:
     feeds = (1500.0, 6000.0)
     lines = [evidence.star("tripod", feed, (15.0,), pivot=OFF_AXIS)[15.0] for feed in feeds]
-    share = [
-        1e-3 * line["contour_error_3d_um"]["mean"] / line["tracking_error_mm"]["mean"] for line in lines
-    ]
+    share = [1e-3 * line["contour_error_3d_um"]["mean"] / line["tracking_error_mm"]["mean"] for line in lines]
     power = exponent(feeds, share)
     return judged(
         abs(power - 1.0) < 0.05,
-        f"across the path, of the tracking error: {100 * share[0]:.3f} % at 1500, {100 * share[1]:.3f} % at 6000 mm/min, "
-        f"goes with v^{power:.3f}",
+        f"across the path, of the tracking error: {100 * share[0]:.3f} % at 1500, {100 * share[1]:.3f} % at 6000 "
+        f"mm/min, goes with v^{power:.3f}",
     )
 
 
@@ -217,8 +232,8 @@ def radial_error(evidence: Evidence) -> Outcome:
     limit = 2.0 * found[1] - found[0]
     return judged(
         abs(limit / expected - 1.0) < 0.01,
-        f"R 100 mm, 3000 mm/min, Kv 20 1/s: 2-12 {expected:.2f} um; simulated {found[0]:.2f} um at 1 ms, {found[1]:.2f} um "
-        f"at 0.5 ms, {limit:.2f} um in the continuous limit",
+        f"R 100 mm, 3000 mm/min, Kv 20 1/s: 2-12 {expected:.2f} um; simulated {found[0]:.2f} um at 1 ms, "
+        f"{found[1]:.2f} um at 0.5 ms, {limit:.2f} um in the continuous limit",
         remark="a position loop sampled with T is better by the factor 1 - Kv T",
     )
 
@@ -276,9 +291,26 @@ def ellipse(evidence: Evidence) -> Outcome:
     by_2_12 = 1e3 * (FEED_MM_MIN / 60.0 / KV) ** 2 / (2.0 * RADIUS_MM)
     return judged(
         second > 10.0 * others and second > by_2_12,
-        f"radial deviation {mean:.1f} um in the mean, its second harmonic {second:.1f} um, all others below {others:.2f} um; "
-        f"2-12 with Kv 20 1/s {by_2_12:.1f} um",
+        f"radial deviation {mean:.1f} um in the mean, its second harmonic {second:.1f} um, all others "
+        f"below {others:.2f} um; 2-12 with Kv 20 1/s {by_2_12:.1f} um",
     )
+
+
+@claim("2.2.6 (fig. 2-14)", "Feed-forward reduces the tracking error, and so the contour error.", "star test")
+def feed_forward(evidence: Evidence) -> Outcome:
+    plain = evidence.star("tripod", 6000.0, (105.0, 15.0))[15.0]
+    ahead = evidence.star("tripod", 6000.0, (105.0, 15.0), *FEED_FORWARD)[15.0]
+    lags = [line["tracking_error_mm"]["mean"] for line in (plain, ahead)]
+    errors = [left_um(line) for line in (plain, ahead)]
+    return judged(
+        lags[1] < 0.5 * lags[0] and abs(errors[1]) < 0.5 * abs(errors[0]),
+        f"Tripod, 15 deg, 6000 mm/min, K_nV 1 with balancing filter: tracking error {lags[0]:.3f} to {lags[1]:.3f} mm, "
+        f"contour error {errors[0]:+.3f} to {errors[1]:+.4f} um",
+        remark="of linear drives that are known exactly",
+    )
+
+
+FEED_FORWARD = ("drive.velocity_feed_forward=1.0", "drive.equivalent_delay=0.00082", "drive.setpoint_delay=0.0005")
 
 
 @claim("2.2.6", "Feed-forward cannot considerably improve the performance of machine axes ([PRI92]).", "-")

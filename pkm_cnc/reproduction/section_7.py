@@ -64,9 +64,7 @@ def printed_inertia(evidence: Evidence) -> Outcome:
 def integral_times(evidence: Evidence) -> Outcome:
     drive = DriveParameters()
     as_times = position_loop(
-        DriveParameters(
-            velocity_integral=drive.velocity_gain / 0.002, current_integral=drive.current_gain / 0.003
-        )
+        DriveParameters(velocity_integral=drive.velocity_gain / 0.002, current_integral=drive.current_gain / 0.003)
     )
     n3, d6 = as_times.numerator[2], PRINTED.denominator[5]
     return judged(
@@ -76,7 +74,9 @@ def integral_times(evidence: Evidence) -> Outcome:
     )
 
 
-@claim("7.4 (7-3)", "K1 = 2 pi/10 rad/mm and K2 = 10 mm/rev carry the motor to the slider and back.", "transfer function")
+@claim(
+    "7.4 (7-3)", "K1 = 2 pi/10 rad/mm and K2 = 10 mm/rev carry the motor to the slider and back.", "transfer function"
+)
 def stray_two_pi(evidence: Evidence) -> Outcome:
     product = 2.0 * math.pi / 10.0 * 10.0
     drive = DriveParameters()
@@ -147,7 +147,9 @@ def delay_of_a_ramp(evidence: Evidence) -> Outcome:
     )
 
 
-@claim("7.2 (fig. 7-1)", "A path shifted by the error, the other way, brings the actual path onto the line.", "star test")
+@claim(
+    "7.2 (fig. 7-1)", "A path shifted by the error, the other way, brings the actual path onto the line.", "star test"
+)
 def shifted_path(evidence: Evidence) -> Outcome:
     approached = (105.0, 15.0)  # the rapid to the second line comes from elsewhere than along it
     error = left_um(evidence.star("tripod", 6000.0, approached)[15.0])
@@ -203,8 +205,8 @@ def nine_coefficients(evidence: Evidence) -> Outcome:
         apart[1] > 0.1,
         f"the drive of order 5 and one of order 1 with Kv {kv:.3f} 1/s: star errors {apart[0]:.3f} um apart at 6000 "
         f"mm/min, {apart[1]:.3f} um at 9000, of {largest:.1f} um",
-        otherwise="contour errors tell half the variance of the impulse response and hardly more: drives of another order "
-        "differ by less than the 0.1 um the instrument reads (6.4.1.1)",
+        otherwise="contour errors tell half the variance of the impulse response and hardly more: drives of another "
+        "order differ by less than the 0.1 um the instrument reads (6.4.1.1)",
     )
 
 
