@@ -88,7 +88,7 @@ def test_arrays_are_rows():
 @functools.cache
 def findings(machine: str, *overrides: str) -> Findings:
     experiment = load_experiment("drive-based")
-    options = experiment.options(headings=(0.0, 80.0, 200.0), length=120.0, radius=40.0)
+    options = experiment.options(headings=(0.0, 80.0), length=60.0, radius=20.0)
     return experiment.run(Lab(machine, overrides, simulated), options)
 
 

@@ -36,20 +36,27 @@ class Lag(NamedTuple):
 
 
 def follow(
-    setup: Setup, axis: str, position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLike = 0.0
+    setup: Setup,
+    axis: str,
+    position: ArrayLike,
+    velocity: ArrayLike = 0.0,
+    acceleration: ArrayLike = 0.0,
+    ripple: ArrayLike = 0.0,
 ) -> AxisResponse:
     """The response of `axis` to setpoints (n,), m, m/s, m/s^2, a servo period apart, from rest at 0.
 
-    The travel is left out, for a displacement has no place in it. Raises MachineFault as a run does.
+    `ripple` (n,), m, is what the scale reads too much. The travel is left out, for a displacement has no place in it.
+    Raises MachineFault as a run does.
     """
     parts = setup.axes[axis]
     drive = ServoDrive(parts.drive, setup.servo_period)
     travel = type(parts.travel)(minimum=-1e3, maximum=1e3)
     plant = AxisPlant(parts.drive, parts.screw, parts.scale, travel, setup.servo_period, 0.0)
-    setpoints = np.broadcast_arrays(*np.atleast_1d(position, velocity, acceleration))
+    inputs = np.broadcast_arrays(*np.atleast_1d(position, velocity, acceleration, ripple))
     rows = []
-    for setpoint in map(AxisSetpoint._make, np.stack(setpoints, axis=-1).astype(float).tolist()):
-        command = drive.step(setpoint, plant.state)
+    for *setpoint, excess in np.stack(inputs, axis=-1).astype(float).tolist():
+        actual = plant.state._replace(position=plant.state.position + excess)
+        command = drive.step(AxisSetpoint(*setpoint), actual)
         rows.append((plant.state.slider_position, plant.state.slider_velocity, command.tracking_error))
         plant.step(command)
     return AxisResponse(*np.array(rows).T)

@@ -119,8 +119,8 @@ def passes(trial: Trial, machine: Monopod) -> list[Pass]:
         cycles = next((run[settling:] for run in at_once if len(run) > settling), None)
         if cycles is None:
             raise InputError(
-                f"a feed of {60e3 * element.feed:g} mm/min is too fast between {1e3 * low:g} and {1e3 * high:g} mm: the "
-                f"slider needs {1e3 * settling * trial.setup.servo_period:g} ms to settle; take a longer way"
+                f"a feed of {60e3 * element.feed:g} mm/min is too fast between {1e3 * low:g} and {1e3 * high:g} mm: "
+                f"the slider needs {1e3 * settling * trial.setup.servo_period:g} ms to settle; take a longer way"
             )
         after = int(cycles[-1]) + 1
         found.append(_pass(trial, machine, cycles, direction, element.feed, rates))

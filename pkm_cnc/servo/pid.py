@@ -196,8 +196,10 @@ class PidController:
         self._error = error
         self._derivative = pid.decay * self._derivative + pid.derivative * (error - before)
         wanted = pid.proportional * error + self._integral + self._derivative + feed_forward
-        output = min(max(wanted, -self._limit), self._limit)
         growth = pid.integral * error
-        if (wanted - output) * growth <= 0.0:
-            self._integral += growth
-        return output
+        if abs(wanted) > self._limit:
+            if wanted * growth < 0.0:
+                self._integral += growth
+            return math.copysign(self._limit, wanted)
+        self._integral += growth
+        return wanted
