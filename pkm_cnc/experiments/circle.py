@@ -13,24 +13,20 @@ import numpy as np
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import CirclePath, circle_pair_report, circle_pairs, circle_program, circle_report, extrema
 from pkm_cnc.errors import InputError
+from pkm_cnc.experiments._circles import DIRECTIONS, ORDERS, by_direction, harmonics, polar_panel
 from pkm_cnc.experiments._law import drift, kappa
 from pkm_cnc.experiments._machine import place, points, require_plane
 from pkm_cnc.experiments._struts import strut_angles
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab
 from pkm_cnc.experiments.trial import Trial
 from pkm_cnc.parameters import parameter
-from pkm_cnc.report.drawing import round_scale
-from pkm_cnc.report.figure import Array, Curve, Figure, Note, Panel, Table
+from pkm_cnc.report.figure import Array, Curve, Figure, Panel, Table
 
 __all__ = ["EXPERIMENT"]
 
-HARMONICS = 12
-ROOM = 0.5
-"""Of the radius: how far the largest radial deviation is drawn from the programmed circle at most."""
 DRAWN = 361
 """Points of a drawn circle, and angles at which strut angles and drive velocities are shown."""
 ANGLE = "actual angle about the programmed centre (deg)"
-DIRECTIONS = {"ccw": "counter-clockwise", "cw": "clockwise"}
 
 
 @dataclass(frozen=True)
@@ -104,28 +100,16 @@ def _run(lab: Lab, options: Options) -> Findings:
 
 
 def _circle(center: tuple[float, float], radius: float, feed: float, trial: Trial, factor: float | None) -> Circle:
-    segments = trial.evaluation.circles()
-    paths = {_direction(path): path for path in segments.values()}
-    if set(paths) != set(DIRECTIONS):
+    found = by_direction(trial)
+    if set(found) != set(DIRECTIONS):
         raise InputError(f"circle: R {radius:g} mm at {feed:g} mm/min is too short: the servo period steps over it")
+    paths = {direction: path for direction, (_, path) in found.items()}
     reports: dict[str, Any] = {
-        direction: {**circle_report(path), "harmonics": _harmonics(path)} for direction, path in paths.items()
+        direction: {**circle_report(path), "harmonics": harmonics(path)} for direction, path in paths.items()
     }
     (pair,) = (circle_pair_report(*both) for both in circle_pairs(list(paths.values())))
-    first = next(segment for segment, path in segments.items() if _direction(path) == "ccw")
     law = None if factor is None else 1e6 * factor * (feed / 60e3) ** 2 * _inward(trial.setup, paths["ccw"])
-    return Circle(center, radius, feed, paths, reports, pair, law, _drives(trial, first, paths["ccw"]))
-
-
-def _direction(path: CirclePath) -> str:
-    return "ccw" if path.arc.sweep > 0.0 else "cw"
-
-
-def _harmonics(path: CirclePath) -> dict[str, Array]:
-    """dR = sum of amplitude_um[n] cos(n angle - phase_deg[n]) over the orders n = 0..12."""
-    weights = np.fft.rfft(path.by_angle)[: HARMONICS + 1] / len(path.by_angle) * 2e6
-    weights[0] /= 2.0
-    return {"amplitude_um": np.abs(weights), "phase_deg": np.degrees(-np.angle(weights)) + 0.0}
+    return Circle(center, radius, feed, paths, reports, pair, law, _drives(trial, *found["ccw"]))
 
 
 def _inward(setup: Setup, path: CirclePath) -> Array:
@@ -172,10 +156,10 @@ def _tables(circles: Sequence[Circle]) -> list[Table]:
             )
         pairs.append([*what, circle.pair["iso230_4"]["Gb_um"], circle.pair["iso230_4"]["D_um"]])
     first = circles[0]
-    harmonics = [first.reports[direction]["harmonics"] for direction in DIRECTIONS]
+    spectra = [first.reports[direction]["harmonics"] for direction in DIRECTIONS]
     orders: list[list[str | float | None]] = [
-        [order, *(float(each[key][order]) for each in harmonics for key in ("amplitude_um", "phase_deg"))]
-        for order in range(HARMONICS + 1)
+        [order, *(float(each[key][order]) for each in spectra for key in ("amplitude_um", "phase_deg"))]
+        for order in range(ORDERS + 1)
     ]
     return [
         Table("Radial deviation by actual angle about the programmed centre", columns, rows),
@@ -196,7 +180,7 @@ def _figures(setup: Setup, circles: Sequence[Circle]) -> list[Figure]:
         Figure(
             "circle-polar",
             f"Circular test, {machine}: R {first.radius:g} mm, {first.feed:g} mm/min",
-            [_plan(circle) for circle in same],
+            [polar_panel(circle.paths, f"centre {place(circle.center)}") for circle in same],
             "Actual path, its distance to the programmed circle magnified as each title says; inside = too small.",
             columns=min(len(same), 2),
         ),
@@ -210,28 +194,6 @@ def _figures(setup: Setup, circles: Sequence[Circle]) -> list[Figure]:
             chosen = [circle for circle in circles if getattr(circle, other) == getattr(first, other)]
             found.append(_over(machine, chosen, name, label))
     return found
-
-
-def _plan(circle: Circle) -> Panel:
-    """The magnified path in plan view."""
-    largest = max(float(np.abs(path.deviation).max()) for path in circle.paths.values())
-    radius = circle.paths["ccw"].arc.radius
-    scale = round_scale(largest, ROOM * radius)
-    angle = np.linspace(0.0, math.tau, 2 * DRAWN - 1)
-
-    def curve(name: str, deviation: Array, role: Any = "data") -> Curve:
-        r = 1e3 * (radius - scale * deviation)
-        return Curve(name, circle.center[0] + r * np.cos(angle), circle.center[1] + r * np.sin(angle), role=role)
-
-    curves = [curve("programmed", 0.0 * angle, "programmed")]
-    for direction, path in circle.paths.items():
-        at = np.arange(len(path.by_angle)) * (math.tau / len(path.by_angle))
-        curves.append(curve(DIRECTIONS[direction], np.interp(angle, at, path.by_angle, period=math.tau)))
-    inner = curve("", 0.0 * angle + largest)
-    note = Note(circle.center[0], float(inner.y.min()), f"{1e6 * largest:.1f} um")
-    return Panel(
-        f"{place(circle.center)}, magnified {scale:.10g}:1", "x (mm)", "y (mm)", curves, notes=[note], equal=True
-    )
 
 
 def _over_angle(machine: str, circle: Circle) -> Figure:
@@ -326,7 +288,7 @@ def _remarks(factor: float | None) -> list[str]:
         "holds the path; G(b), bi-directional = the same of both directions together; F_max and F_min, radial "
         "deviation = largest and smallest actual - programmed radius about the programmed centre (F = -dR); D, mean "
         "bi-directional radial deviation = radius of the least squares circle of both - programmed radius.",
-        f"Harmonics: dR = sum of a[n] cos(n angle - p[n]), n = 0 to {HARMONICS}, a in um, p in deg.",
+        f"Harmonics: dR = sum of a[n] cos(n angle - p[n]), n = 0 to {ORDERS}, a in um, p in deg.",
     ]
     if factor is None:
         remarks.append("The drives are not equal: the law for equal drives is left out.")

@@ -114,7 +114,9 @@ def _star(
     mean = Judged(*(_figure(lines, key, "mean") for key in ("contour_error_um", "contour_error_z_um")))
     zeros = None
     if feed == options.feeds[0]:
-        zeros = _zeros(headings, mean.left, lambda heading: float(_figure(run([heading]), "contour_error_um", "mean")[0]))
+        zeros = _zeros(
+            headings, mean.left, lambda heading: float(_figure(run([heading]), "contour_error_um", "mean")[0])
+        )
     law, law_zeros = None, []
     if factor is not None:
         scale = 1e6 * factor * (feed / 60e3) ** 2
@@ -263,7 +265,8 @@ def _remarks(stars: Sequence[Star]) -> list[str]:
         "left: + = the tool is left of travel, seen from +z; z: + = above. Mean, std and largest size over the cycles "
         "whose actual TCP projects onto the middle half of the line.",
         f"zeros: headings at which the simulated mean error in the plane is zero, at the first feed, found to "
-        f"{ZERO_RESOLUTION} deg by running lines between two sampled headings whose errors are on opposite sides. The law's are beside them.",
+        f"{ZERO_RESOLUTION} deg by running lines between two sampled headings whose errors are on opposite sides. "
+        "The law's are beside them.",
         "Every line begins at rest (in position within 1 nm), unless the scales have a resolution.",
     ]
     if all(star.law is None for star in stars):
