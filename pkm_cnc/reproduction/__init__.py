@@ -6,7 +6,7 @@ claims of a chapter are the Claims of its module here, in the order in which the
 
 from pkm_cnc.reproduction.claim import Claim, Outcome, Verdict
 from pkm_cnc.reproduction.claims import CHAPTERS
-from pkm_cnc.reproduction.document import claims_table, counts_table, markdown
+from pkm_cnc.reproduction.document import claims_table, counts_table, markdown, text
 from pkm_cnc.reproduction.evidence import Evidence
 from pkm_cnc.reproduction.run import LEFT_OUT, Judged, Reproduction, judge, reproduce
 
@@ -24,4 +24,5 @@ __all__ = [
     "judge",
     "markdown",
     "reproduce",
+    "text",
 ]

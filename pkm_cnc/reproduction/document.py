@@ -1,14 +1,15 @@
-"""The judged claims as tables, and as docs/reproduction.md."""
+"""The judged claims as tables, as text for a terminal, and as docs/reproduction.md."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 from pkm_cnc.report.figure import Table
 from pkm_cnc.reproduction.claims import CHAPTERS
 from pkm_cnc.reproduction.run import Judged, Reproduction
 
-__all__ = ["claims_table", "counts_table", "markdown"]
+__all__ = ["claims_table", "counts_table", "markdown", "text"]
 
 HEAD = """# The thesis, claim by claim
 
@@ -43,6 +44,21 @@ def by_chapter(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
     """The judged claims under the titles of their chapters."""
     outcomes = {each.claim.name: each for each in judged}
     return {title: [outcomes[claim.name] for claim in claims] for title, claims in CHAPTERS.items()}
+
+
+def text(reproduction: Reproduction) -> str:
+    """For a terminal of any width: claim by claim, then how many have each verdict."""
+    lines = []
+    for title, chapter in by_chapter(reproduction.judged).items():
+        lines.append(title)
+        for each in chapter:
+            outcome = each.outcome
+            lines += [f"  {outcome.verdict.upper():14}{each.claim.section}: {each.claim.claim}"]
+            said = [outcome.computed] * (outcome.computed != "-") + [f"({outcome.reason})"] * bool(outcome.reason)
+            lines += textwrap.wrap(" ".join(said), 104, initial_indent=" " * 16, subsequent_indent=" " * 16)
+        lines.append("")
+    counts = ", ".join(f"{number} {verdict}" for verdict, number in reproduction.counts().items())
+    return "\n".join([*lines, f"{len(reproduction.judged)} claims: {counts}"])
 
 
 def markdown(judged: Sequence[Judged]) -> str:

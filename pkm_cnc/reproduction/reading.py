@@ -93,15 +93,15 @@ def strut_angles(setup: Setup, radius: float) -> tuple[Array, Array]:
     """
     angles, _, points = _turn(setup, radius)
     rows = setup.machine.jacobian(points)
-    return angles, np.arccos(1.0 / np.sqrt((rows * rows).sum(axis=2)))
+    return angles, np.asarray(np.arccos(1.0 / np.sqrt((rows * rows).sum(axis=2))))
 
 
 def maxima_of(angles: Array, values: Array) -> Array:
     """Angles at which a closed curve (n,) has a local maximum."""
     top = (values >= np.roll(values, 1)) & (values > np.roll(values, -1))
-    return angles[top]
+    return np.asarray(angles[top])
 
 
 def turning_points(angles: Array, velocity: Array) -> Array:
     """Angles at which the velocity (n,) along a closed curve changes sign."""
-    return angles[np.sign(velocity) * np.sign(np.roll(velocity, -1)) <= 0.0]
+    return np.asarray(angles[np.sign(velocity) * np.sign(np.roll(velocity, -1)) <= 0.0])
