@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.contour import CirclePath, circle_program, circle_report, star_program
-from pkm_cnc.experiments import Findings, Lab, Runner, Trial, load_experiment, simulated
+from pkm_cnc.experiments import Findings, Lab, Trial, load_experiment, simulated
 
 __all__ = ["Circle", "Evidence"]
 
@@ -24,11 +24,10 @@ class Circle:
 
 
 class Evidence:
-    """Runs and findings by what they are of; `findings` of experiments already run may be given."""
+    """Runs and findings by what they are of; `data` of experiments already run, by name, may be given."""
 
-    def __init__(self, findings: Mapping[str, Findings] | None = None, runner: Runner = simulated) -> None:
-        self._runner = runner
-        self._made: dict[object, Any] = {("experiment", name): found for name, found in (findings or {}).items()}
+    def __init__(self, data: Mapping[str, dict[str, Any]] | None = None) -> None:
+        self._made: dict[object, Any] = {("experiment", name): found for name, found in (data or {}).items()}
 
     def setup(self, machine: str, *overrides: str) -> Setup:
         """The machine of the package called `machine`."""
@@ -36,7 +35,7 @@ class Evidence:
 
     def data(self, experiment: str) -> dict[str, Any]:
         """The data of an experiment run with its defaults."""
-        return self._once(("experiment", experiment), lambda: self._findings(experiment)).data
+        return self._once(("experiment", experiment), lambda: self._findings(experiment).data)
 
     def trial(self, machine: str, program: str, *overrides: str) -> Trial:
         """A run of a part program."""
@@ -99,4 +98,4 @@ class Evidence:
         return experiment.run(self._lab(experiment.machine), experiment.options())
 
     def _lab(self, machine: str) -> Lab:
-        return Lab(machine, (), self._runner)
+        return Lab(machine, (), simulated)

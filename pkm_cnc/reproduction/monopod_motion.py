@@ -49,7 +49,7 @@ def travel(evidence: Evidence, feed: float, direction: int, *overrides: str) -> 
     setpoint, actual = direction * trial.tcp_setpoint[rows, 0, 0], direction * trial.evaluation.true[rows, 0]
 
     def at(values: Array, positions: Array) -> Array:
-        return np.interp(direction * POSITIONS, positions, values)
+        return np.asarray(np.interp(direction * POSITIONS, positions, values))
 
     return Travel(
         tcp_lag=at(direction * (setpoint - actual), setpoint),

@@ -67,7 +67,7 @@ def zero_heading(
 
 def per_degree(path: CirclePath) -> Array:
     """Radial deviation, um, at 0, 1, ..., 359 deg of actual angle, (360,)."""
-    return 1e6 * path.by_angle[:: len(path.by_angle) // 360]
+    return np.asarray(1e6 * path.by_angle[:: len(path.by_angle) // 360])
 
 
 def _turn(setup: Setup, radius: float) -> tuple[Array, Array, Array]:
@@ -82,7 +82,8 @@ def circle_motion(setup: Setup, radius: float, speed: float) -> tuple[Array, Arr
     """Angles (deg, (n,)) of a programmed counter-clockwise circle (m, m/s); u, du/dt, d2u/dt2 of the axes, (n, m)."""
     angles, outward, points = _turn(setup, radius)
     along = np.stack([-outward[:, 1], outward[:, 0], outward[:, 2]], axis=1)
-    return (angles, *setup.machine.motion(points, speed * along, -speed * speed / radius * outward))
+    u, velocity, acceleration = setup.machine.motion(points, speed * along, -speed * speed / radius * outward)
+    return angles, u, velocity, acceleration
 
 
 def strut_angles(setup: Setup, radius: float) -> tuple[Array, Array]:
@@ -92,15 +93,15 @@ def strut_angles(setup: Setup, radius: float) -> tuple[Array, Array]:
     """
     angles, _, points = _turn(setup, radius)
     rows = setup.machine.jacobian(points)
-    return angles, np.arccos(1.0 / np.sqrt((rows * rows).sum(axis=2)))
+    return angles, np.asarray(np.arccos(1.0 / np.sqrt((rows * rows).sum(axis=2))))
 
 
 def maxima_of(angles: Array, values: Array) -> Array:
     """Angles at which a closed curve (n,) has a local maximum."""
     top = (values >= np.roll(values, 1)) & (values > np.roll(values, -1))
-    return angles[top]
+    return np.asarray(angles[top])
 
 
 def turning_points(angles: Array, velocity: Array) -> Array:
     """Angles at which the velocity (n,) along a closed curve changes sign."""
-    return angles[np.sign(velocity) * np.sign(np.roll(velocity, -1)) <= 0.0]
+    return np.asarray(angles[np.sign(velocity) * np.sign(np.roll(velocity, -1)) <= 0.0])

@@ -119,8 +119,8 @@ def high_gain(evidence: Evidence) -> Outcome:
             unstable = middle
     return judged(
         over[0] < 1e-6 < over[1] < over[2] and unstable < 1e5 - 1.0,
-        f"default drive: overshoot {100 * max(over[0], 0.0):.1f}, {100 * over[1]:.1f}, {100 * over[2]:.1f} % of a step at Kv 20, 600, "
-        f"1000 1/s; unstable from Kv {unstable:.0f} 1/s",
+        f"default drive: overshoot {100 * max(over[0], 0.0):.1f}, {100 * over[1]:.1f}, {100 * over[2]:.1f} % of a step "
+        f"at Kv 20, 600, 1000 1/s; unstable from Kv {unstable:.0f} 1/s",
     )
 
 
@@ -138,7 +138,8 @@ def bandwidths(evidence: Evidence) -> Outcome:
     bands = [_bandwidth(loop) for loop in (position, velocity, current_loop)]
     return judged(
         bands[0] < bands[1] < bands[2],
-        f"-3 dB of the default drive: position {bands[0]:.1f} Hz, velocity {bands[1]:.0f} Hz, current {bands[2]:.0f} Hz",
+        f"-3 dB of the default drive: position {bands[0]:.1f} Hz, velocity {bands[1]:.0f} Hz, "
+        f"current {bands[2]:.0f} Hz",
     )
 
 
@@ -202,8 +203,8 @@ def gain_at_low_speed(evidence: Evidence) -> Outcome:
     power = exponent(feeds, share)
     return judged(
         abs(power - 1.0) < 0.05,
-        f"across the path, of the tracking error: {100 * share[0]:.3f} % at 1500, {100 * share[1]:.3f} % at 6000 mm/min, "
-        f"goes with v^{power:.3f}",
+        f"across the path, of the tracking error: {100 * share[0]:.3f} % at 1500, {100 * share[1]:.3f} % at 6000 "
+        f"mm/min, goes with v^{power:.3f}",
     )
 
 
@@ -231,8 +232,8 @@ def radial_error(evidence: Evidence) -> Outcome:
     limit = 2.0 * found[1] - found[0]
     return judged(
         abs(limit / expected - 1.0) < 0.01,
-        f"R 100 mm, 3000 mm/min, Kv 20 1/s: 2-12 {expected:.2f} um; simulated {found[0]:.2f} um at 1 ms, {found[1]:.2f} um "
-        f"at 0.5 ms, {limit:.2f} um in the continuous limit",
+        f"R 100 mm, 3000 mm/min, Kv 20 1/s: 2-12 {expected:.2f} um; simulated {found[0]:.2f} um at 1 ms, "
+        f"{found[1]:.2f} um at 0.5 ms, {limit:.2f} um in the continuous limit",
         remark="a position loop sampled with T is better by the factor 1 - Kv T",
     )
 
@@ -290,9 +291,26 @@ def ellipse(evidence: Evidence) -> Outcome:
     by_2_12 = 1e3 * (FEED_MM_MIN / 60.0 / KV) ** 2 / (2.0 * RADIUS_MM)
     return judged(
         second > 10.0 * others and second > by_2_12,
-        f"radial deviation {mean:.1f} um in the mean, its second harmonic {second:.1f} um, all others below {others:.2f} um; "
-        f"2-12 with Kv 20 1/s {by_2_12:.1f} um",
+        f"radial deviation {mean:.1f} um in the mean, its second harmonic {second:.1f} um, all others "
+        f"below {others:.2f} um; 2-12 with Kv 20 1/s {by_2_12:.1f} um",
     )
+
+
+@claim("2.2.6 (fig. 2-14)", "Feed-forward reduces the tracking error, and so the contour error.", "star test")
+def feed_forward(evidence: Evidence) -> Outcome:
+    plain = evidence.star("tripod", 6000.0, (105.0, 15.0))[15.0]
+    ahead = evidence.star("tripod", 6000.0, (105.0, 15.0), *FEED_FORWARD)[15.0]
+    lags = [line["tracking_error_mm"]["mean"] for line in (plain, ahead)]
+    errors = [left_um(line) for line in (plain, ahead)]
+    return judged(
+        lags[1] < 0.5 * lags[0] and abs(errors[1]) < 0.5 * abs(errors[0]),
+        f"Tripod, 15 deg, 6000 mm/min, K_nV 1 with balancing filter: tracking error {lags[0]:.3f} to {lags[1]:.3f} mm, "
+        f"contour error {errors[0]:+.3f} to {errors[1]:+.4f} um",
+        remark="of linear drives that are known exactly",
+    )
+
+
+FEED_FORWARD = ("drive.velocity_feed_forward=1.0", "drive.equivalent_delay=0.00082", "drive.setpoint_delay=0.0005")
 
 
 @claim("2.2.6", "Feed-forward cannot considerably improve the performance of machine axes ([PRI92]).", "-")

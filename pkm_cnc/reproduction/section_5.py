@@ -100,7 +100,7 @@ def forward(evidence: Evidence) -> Outcome:
 @claim("5.2.1, 5.2.2 (5-8, 5-11)", "The J of 5-8 carries drive velocities to the TCP: X' = J U'.", "formula as printed")
 def one_jacobian(evidence: Evidence) -> Outcome:
     machine, velocity = _bipod(evidence), np.array([0.04, 0.03])
-    x, y = SAMPLE.T
+    x = SAMPLE[:, 0]
     one = np.ones_like(x)
     rows = ((x - HALF) / np.sqrt(LENGTH**2 - (HALF - x) ** 2), (x + HALF) / np.sqrt(LENGTH**2 - (HALF + x) ** 2))
     j = np.stack([np.column_stack([row, one]) for row in rows], axis=1)
@@ -180,7 +180,8 @@ def line_from_joints(evidence: Evidence) -> Outcome:
     apart = float(np.abs(left - exact).max())
     return judged(
         apart < 1e-12,
-        f"{apart:.1e} m from the shortest distance at most, {len(rows)} cycles of an error of {1e6 * exact.mean():+.2f} um",
+        f"{apart:.1e} m from the shortest distance at most, {len(rows)} cycles of an error of "
+        f"{1e6 * exact.mean():+.2f} um",
         remark="opposite in sign to 5-19; 5-21 as printed divides by J U_s and lacks the last vector",
     )
 
@@ -287,8 +288,8 @@ def circle_as_printed(evidence: Evidence) -> Outcome:
     )
     return judged(
         printed < 1e-9,
-        f"off by {1e3 * printed:.3g} mm as printed, {1e6 * signed:.3g} um with - J_1, {correct:.1e} m with the setpoint's "
-        "velocity too",
+        f"off by {1e3 * printed:.3g} mm as printed, {1e6 * signed:.3g} um with - J_1, {correct:.1e} m with the "
+        "setpoint's velocity too",
         otherwise="the J_1 term is subtracted, and the direction is that of the setpoint J U', not of Kv Delta-U",
     )
 

@@ -64,7 +64,7 @@ def inverse_closes_the_loop(evidence: Evidence) -> Outcome:
 
 
 def _forward_error(evidence: Evidence, *misprints: str) -> float:
-    """Largest round-trip error over the sample, m, with these equations as printed and the others corrected; inf: no pose."""
+    """Largest round-trip error over the sample, m, with these equations as printed, all others corrected; inf: none."""
     u = _tripod(evidence).inverse(SAMPLE)
     found = np.array([printed_tripod.forward(row, misprints) for row in u])
     return float(np.nan_to_num(np.abs(found - SAMPLE), nan=math.inf).max())
@@ -148,7 +148,7 @@ def zero_headings(evidence: Evidence) -> Outcome:
     return judged(
         on < 0.01 and off > 1.0,
         f"at most {on:.4f} um there, at least {off:.3f} um at every other multiple of 15 deg",
-        remark="in the plane, on lines through the axis, and backwards (225, 345, 105 deg) too; in z the tool leaves all",
+        remark="in the plane, on lines through the axis, and backwards (225, 345, 105 deg) too; not in z",
     )
 
 
@@ -379,7 +379,8 @@ def mismatch_on_a_line(evidence: Evidence) -> Outcome:
     apart = max(abs(size - _by_6_21(heading, 3000.0)) for heading, size in error.items())
     return judged(
         apart < 0.01 * max(abs(size) for size in error.values()),
-        f"Kv 20 and 16 1/s, 3000 mm/min: 6-21 and simulation {apart:.4f} um apart at most, of {error[45]:+.1f} um at 45 deg",
+        f"Kv 20 and 16 1/s, 3000 mm/min: 6-21 and simulation {apart:.4f} um apart at most, of {error[45]:+.1f} um "
+        "at 45 deg",
         remark="with the opposite sign: 6-17 counts setpoint less actual, here + = the tool is left of travel",
     )
 
@@ -427,8 +428,8 @@ def _explained_by_6_21(evidence: Evidence) -> Outcome:
         abs(power - 1.0) < 0.1 and changes_side,
         f"15 deg: goes with v^{power:.3f}, and is {slow[15]:+.2f} um, backwards {slow[195]:+.2f} um: "
         f"{'changes' if changes_side else 'keeps'} its side of the line",
-        otherwise="unequal gains give an error linear in v that changes side on reversal (6-21); this is the second-order "
-        "term kappa v^2 J^-1 d2u/ds2",
+        otherwise="unequal gains give an error linear in v that changes side on reversal (6-21); this is the "
+        "second-order term kappa v^2 J^-1 d2u/ds2",
     )
 
 
@@ -455,7 +456,7 @@ def gains_equal_in_work_coordinates(evidence: Evidence) -> Outcome:
 
 
 def _falls(values: list[float]) -> bool:
-    return all(b < a for a, b in zip(values, values[1:], strict=False))
+    return bool((np.diff(values) < 0.0).all())
 
 
 def _listed(values: list[float]) -> str:
