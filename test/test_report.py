@@ -1,5 +1,6 @@
 """Tables and pictures: from runs of the simulation, looked at from outside (files, texts in them, pixels)."""
 
+import itertools
 import math
 import re
 import xml.etree.ElementTree as ElementTree
@@ -16,12 +17,36 @@ from pkm_cnc.contour import ContourMonitor, circle_program, star_program
 from pkm_cnc.errors import InputError
 from pkm_cnc.evaluation import Evaluation
 from pkm_cnc.program import Program
-from pkm_cnc.report import draw, table
-from pkm_cnc.report.drawing import judged_cycles, round_scale
+from pkm_cnc.report import (
+    Curve,
+    Figure,
+    Map,
+    Note,
+    Page,
+    Panel,
+    Table,
+    round_scale,
+    run_page,
+    run_remarks,
+    run_tables,
+    text_table,
+    write_page,
+)
+from pkm_cnc.report.judged import judged_cycles
 from pkm_cnc.simulation import simulated_cycles
 
 SETUP = load_setup("tripod", ["drive.kind=first_order"])
+PICTURES = (".svg", ".png")
 SVG = "{http://www.w3.org/2000/svg}"
+
+
+def draw(evaluation, folder):
+    """The files of a run's report that are pictures."""
+    return [path for path in write_page(folder, run_page(evaluation, SETUP, "made by hand")) if path.suffix in PICTURES]
+
+
+def table(evaluation):
+    return "\n\n".join([*map(text_table, run_tables(evaluation)), *run_remarks(evaluation)])
 
 
 def evaluated(text, cycles=None):
@@ -173,7 +198,7 @@ def test_unfinished_runs(star, tmp_path):
         assert names(paths) == ["contour_error.svg", "contour_error.png"]
         check_files(paths)
         assert len(evaluation.segments()) == judged
-        assert table(evaluation).startswith(f"test.ngc on tripod: {cycles} cycles, {cycles / 1000:.3f} s")
+        assert run_page(evaluation, SETUP, "").question.endswith(f"tripod: {cycles} cycles, {cycles / 1000:.3f} s.")
     assert "no evaluated segment was run" in table(evaluated(text, 1))
 
 
@@ -194,7 +219,7 @@ def test_pictures_do_not_follow_the_readers_settings(circle, circle_pictures, tm
 
 def test_refuses_what_cannot_be_written(circle, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(InputError, match=r"report .*file: a picture cannot be written: File exists"):
+    with pytest.raises(InputError, match=r"report .*file: File exists"):
         draw(circle, tmp_path / "file")
 
 
@@ -239,7 +264,7 @@ def test_table_is_aligned_and_carries_units(star, circle):
         ends = [match.end() for match in re.finditer(r"\S+", header)]
         for row in rows:
             assert len(row) == len(header)
-            for end in ends:
+            for end in ends[1:] if kind == "Circles" else ends:  # directions are words
                 assert row[end - 1] != " "
                 assert row[end : end + 1] in ("", " ")
         for name in header.split():
@@ -253,3 +278,94 @@ def test_table_has_the_figures(star):
     assert float(row[3]) == pytest.approx(entry["contour_error_um"]["mean"], abs=5e-4)
     assert row[3].startswith("+")  # left of travel
     assert float(row[6]) == pytest.approx(entry["contour_error_z_um"]["mean"], abs=5e-4)
+
+
+HOSTILE = "</script><script>alert(1)</script> \"a\" 'b' & <b>ü\N{SNOWMAN}</b> $title ${question}"
+
+
+def every_kind(text="plain"):
+    """A page with every kind of panel; `text` stands wherever a text may stand."""
+    x = np.linspace(0.0, 1.0, 50)
+    curves = [Curve(text, x, x * x), Curve("", x, x, kind="points"), Curve("p", x, -x, role="programmed")]
+    curves.append(Curve("gap", x, np.where(x > 0.5, x, np.nan), kind="line and points"))
+    field = Map(x[:5], x[:4], np.where(np.arange(20).reshape(4, 5) == 7, np.nan, np.arange(20.0).reshape(4, 5)), text)
+    panels = [
+        Panel(text, text, text, curves, notes=[Note(0.5, 0.5, text)], x_step=0.25),
+        Panel(text, "x (mm)", "y (mm)", curves, equal=True),
+        Panel(text, "x (mm)", "y (mm)", map=field),
+    ]
+    figures = [Figure("first", text, panels, text, columns=2), Figure("second", text, panels[:2], share_x=True)]
+    table = Table(text, ("name", "value_um"), [(text, 1.0 / 3.0), ("none", None)])
+    return Page(text, text, text, [table], figures, [text], [table], [(text, "a/b.html")], {"a": 1})
+
+
+def test_page_says_what_it_was_given(tmp_path):
+    paths = write_page(tmp_path, every_kind())
+    assert names(paths) == ["first.svg", "first.png", "second.svg", "second.png", "data.json", "index.html"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names(paths))  # no temporary file is left
+    page = paths[-1].read_text(encoding="utf-8")
+    for part in (
+        "<title>plain</title>",
+        "0.333333",
+        ">-<",
+        'href="a/b.html"',
+        'id="figure-first"',
+        "<code>plain</code>",
+    ):
+        assert part in page
+    assert page.count("plotly.js v") == 1  # the script is there once
+    assert contents(write_page(tmp_path / "again", every_kind())) == contents(paths)
+
+
+def test_page_takes_texts_as_texts(tmp_path):
+    page = write_page(tmp_path, every_kind(HOSTILE))[-1].read_text(encoding="utf-8")
+    body = page[page.index("<body>") :]
+    assert "<script>alert" not in page
+    assert "<b>ü" not in body
+    assert "&lt;b&gt;ü\N{SNOWMAN}&lt;/b&gt; $title ${question}" in body
+
+
+def test_page_loads_nothing(tmp_path):
+    page = write_page(tmp_path, every_kind())[-1].read_text(encoding="utf-8")
+    assert "default-src 'none'" in page
+    without_script = re.sub(r"<script\b.*?</script>", "", page, flags=re.S)
+    assert set(re.findall(r"(?:src|href)=\"([a-z]+:)", without_script)) == {"data:"}
+
+
+def test_long_curves_keep_their_extremes_on_the_screen():
+    from pkm_cnc.report.screen import MOST_POINTS, _thinned
+
+    x = np.linspace(0.0, 1.0, 100_001)
+    y = np.sin(50.0 * x)
+    y[12_345], y[77_777], y[50_000] = 5.0, -6.0, np.nan
+    thin_x, thin_y = _thinned(x, y)
+    assert len(thin_x) <= MOST_POINTS + 2
+    assert (thin_x[0], thin_x[-1]) == (0.0, 1.0)
+    assert np.nanmax(thin_y) == 5.0
+    assert np.nanmin(thin_y) == -6.0
+    assert np.isnan(thin_y).sum() == 1
+    assert (np.diff(thin_x) > 0.0).all()
+
+
+def test_a_name_has_one_look_in_the_whole_figure():
+    from pkm_cnc.report.looks import DATA, PROGRAMMED, looks
+
+    x = np.zeros(1)
+    first = Panel(
+        "", "", "", [Curve("a", x, x), Curve("b", x, x), Curve("", x, x), Curve("p", x, x, role="programmed")]
+    )
+    second = Panel("", "", "", [Curve("b", x, x), Curve("c", x, x)])
+    assert looks(Figure("f", "", [first, second])) == [[DATA[0], DATA[1], DATA[1], PROGRAMMED], [DATA[1], DATA[2]]]
+
+
+def test_looks_differ_in_grey():
+    """Neighbours in the order of use are told apart without colour: by tone, by dashes or by marker."""
+    from pkm_cnc.report.looks import DATA
+
+    def tone(look):
+        red, green, blue = (int(look.color[at : at + 2], 16) for at in (1, 3, 5))
+        return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+    assert len({(look.dashes, look.marker) for look in DATA}) == len(DATA)
+    for one, other in itertools.pairwise(DATA):
+        assert abs(tone(one) - tone(other)) > 20.0

@@ -27,11 +27,11 @@ SCALE = Look("#9a9a9a", 0.6, (1.5, 2.0), ("o", "circle"), False)
 DATA = (
     Look("#0b4f8a", 1.4, (), ("o", "circle"), False),
     Look("#d9730d", 1.4, (6.0, 2.0), ("s", "square"), True),
-    Look("#1d6b3f", 1.4, (8.0, 2.0, 1.5, 2.0), ("^", "triangle-up"), False),
-    Look("#b83280", 1.4, (1.5, 1.5), ("v", "triangle-down"), True),
     Look("#000000", 1.0, (12.0, 3.0), ("D", "diamond"), True),
+    Look("#d660a8", 1.6, (1.5, 1.5), ("v", "triangle-down"), True),
+    Look("#1d6b3f", 1.4, (8.0, 2.0, 1.5, 2.0), ("^", "triangle-up"), False),
     Look("#6aaee6", 2.2, (), ("x", "x"), False),
-    Look("#8a6d00", 1.4, (4.0, 1.5, 1.0, 1.5, 1.0, 1.5), ("P", "cross"), False),
+    Look("#6b5400", 1.4, (4.0, 1.5, 1.0, 1.5, 1.0, 1.5), ("P", "cross"), False),
     Look("#9c9c9c", 1.8, (3.0, 1.0), ("*", "star"), True),
 )
 """In the order in which names take them; dark and light alternate, so that neighbours differ in grey."""

@@ -83,6 +83,9 @@ def _sheet(figure: Figure) -> Sheet:
         axes = sheet.add_subplot(grid[row, column], sharex=above)
         heads.setdefault(column, axes)
         _draw_panel(sheet, axes, panel, styles)
+        if figure.share_x and place + columns < len(figure.panels):
+            axes.set_xlabel("")
+            axes.tick_params(labelbottom=False)
     _add_legend(sheet, columns)
     return sheet
 

@@ -43,14 +43,14 @@ def _drawn(figure: Figure) -> Any:
     rows = -(-len(figure.panels) // columns)
     rows_of_panels = [figure.panels[row * columns : (row + 1) * columns] for row in range(rows)]
     heights = [560 if any(panel.equal or panel.map for panel in row) else 300 for row in rows_of_panels]
-    height = sum(heights) + 130
+    height = sum(heights) + 112 * rows
     drawn = make_subplots(
         rows=rows,
         cols=columns,
         shared_xaxes="columns" if figure.share_x else False,
         subplot_titles=[html.escape(panel.title, quote=False) for panel in figure.panels],
         row_heights=heights,
-        vertical_spacing=min(95 / height, 0.9 / rows),
+        vertical_spacing=min(112 / height, 0.9 / rows),
         horizontal_spacing=0.12 if columns > 1 else None,
     )
     shown: set[str] = set()
@@ -67,7 +67,8 @@ def _drawn(figure: Figure) -> Any:
             drawn.add_annotation(
                 x=note.x, y=note.y, text=text, showarrow=False, font_size=11, bgcolor="rgba(255,255,255,0.85)", **at
             )
-        drawn.update_xaxes(title_text=html.escape(panel.x_label, quote=False), **at)
+        if not figure.share_x or place + columns >= len(figure.panels):
+            drawn.update_xaxes(title_text=html.escape(panel.x_label, quote=False), **at)
         drawn.update_yaxes(title_text=html.escape(panel.y_label, quote=False), **at)
         if panel.x_step is not None:
             drawn.update_xaxes(dtick=panel.x_step, **at)

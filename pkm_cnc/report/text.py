@@ -33,7 +33,7 @@ def cell(value: str | float | None) -> str:
 
 
 def numeric_columns(table: Table) -> list[bool]:
-    """Which columns hold nothing but numbers, None and texts that are numbers."""
+    """Which columns hold nothing but numbers, None and texts of numbers."""
     return [all(_is_number(row[place]) for row in table.rows) for place in range(len(table.columns))]
 
 
@@ -41,6 +41,5 @@ def _is_number(value: str | float | None) -> bool:
     if not isinstance(value, str) or value == "-":
         return True
     with contextlib.suppress(ValueError):
-        float(value)
-        return True
+        return bool([float(part) for part in value.split()])
     return False

@@ -1,0 +1,107 @@
+"""Pages in a real browser: every picture is drawn, the console is silent, nothing is loaded from elsewhere."""
+
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from pkm_cnc.config import load_setup
+from pkm_cnc.contour import star_program
+from pkm_cnc.experiments import Lab, experiment_names, experiment_page, load_experiment, simulated
+from pkm_cnc.report import Curve, Figure, Map, Page, Panel, run_page, write_page
+
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync --enable-logging=stderr --virtual-time-budget=20000 --dump-dom"
+).split()
+SMALL = {
+    "star": {"headings": (0.0, 45.0), "feeds": (6000.0,), "pivot": (0.0, 0.0)},
+    "circle": {"radii": (20.0,), "feeds": (3000.0,)},
+    "workspace-map": {"points": 3, "headings": (0.0, 45.0, 90.0), "jobs": 1},
+}
+"""Options that make the longer experiments short."""
+
+
+@pytest.fixture
+def browse(tmp_path):
+    """Loads a page; returns its DOM after everything has been drawn, and what the console said."""
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    assert program, "no chromium found: make test-pages needs it (Debian: apt-get install chromium)"
+
+    def load(path):
+        command = [program, *FLAGS, f"--user-data-dir={tmp_path / 'browser'}", f"file://{path}"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+        return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+    return load
+
+
+def drawn(dom):
+    """Figures with the number of traces that the browser drew of each: lines and points, maps."""
+    found = {}
+    for part in re.split(r'<div id="figure-', dom)[1:]:
+        name = part.partition('"')[0]
+        picture = part.partition("<figcaption>")[0]
+        found[name] = len(re.findall(r'class="trace scatter', picture)) + len(re.findall(r'class="hm"', picture))
+    return found
+
+
+def check(browse, folder, page):
+    dom, console = browse(write_page(folder, page)[-1])
+    assert console == []
+    traces = {
+        figure.name: sum(len(panel.curves) + (panel.map is not None) for panel in figure.panels)
+        for figure in page.figures
+    }
+    assert drawn(dom) == traces
+    return dom
+
+
+X = np.linspace(0.0, 1.0, 20)
+GRID = Map(X[:5], X[:4], np.arange(20.0).reshape(4, 5), "value (um)")
+
+
+def page_of(*panels):
+    return Page("a page", "a question", "a command", [], [Figure("figure", "a figure", panels)])
+
+
+def test_every_kind_of_panel(browse, tmp_path):
+    curves = [Curve("a", X, X * X), Curve("b", X, X, kind="points"), Curve("c", X, -X, role="programmed")]
+    check(
+        browse,
+        tmp_path / "page",
+        page_of(
+            Panel("lines", "x (mm)", "y (um)", curves),
+            Panel("plan", "x (mm)", "y (mm)", curves, equal=True),
+            Panel("map", "x (mm)", "y (mm)", curves[:1], map=GRID),
+        ),
+    )
+
+
+def test_what_is_broken_is_found(browse, tmp_path):
+    path = write_page(tmp_path / "page", page_of(Panel("lines", "x", "y", [Curve("a", X, X)])))[-1]
+    whole = path.read_text(encoding="utf-8")
+    path.write_text(whole.replace("Plotly.newPlot(", "Plotly.noSuchThing("), encoding="utf-8")
+    dom, console = browse(path)
+    assert console
+    assert drawn(dom) == {"figure": 0}
+    path.write_text(whole.replace("<h1>", '<img src="https://example.org/a.png"><h1>'), encoding="utf-8")
+    assert any("Content Security Policy" in line for line in browse(path)[1])
+
+
+def test_page_of_a_run(browse, tmp_path):
+    lab = Lab("tripod", (), simulated)
+    trial = lab.run(lab.setup(), star_program(6000, [0, 60], (0, 0), 60), "<star> & co.ngc")
+    dom = check(browse, tmp_path / "page", run_page(trial.evaluation, load_setup("tripod"), "pkm_cnc evaluate"))
+    assert "&lt;star&gt; &amp; co.ngc on tripod" in dom
+
+
+@pytest.mark.parametrize("name", experiment_names())
+def test_page_of_an_experiment(browse, tmp_path, name):
+    experiment = load_experiment(name)
+    lab, options = Lab(experiment.machine, (), simulated), experiment.options(**SMALL.get(name, {}))
+    page = experiment_page(experiment, lab, options, experiment.run(lab, options), f"pkm_cnc experiment {name}")
+    assert page.figures
+    check(browse, tmp_path / "page", page)
