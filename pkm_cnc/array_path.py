@@ -114,11 +114,14 @@ def _check(axis: str, setpoint: list[Array]) -> None:
 
 
 def _supervise(axis: str, drive: DriveParameters, error: Array) -> None:
-    largest = float(np.max(np.abs(error), initial=0.0))
-    if not largest <= drive.following_error_limit:
+    over = ~(np.abs(error) <= drive.following_error_limit)
+    if over.any():
+        place = np.unravel_index(int(np.argmax(over)), error.shape)
+        *series, cycle = map(int, place)
         raise MachineFault(
-            f"{axis}: following error {largest * 1e3:.6g} mm is over its limit of "
-            f"{drive.following_error_limit * 1e3:.6g} mm (drive.following_error_limit)"
+            f"cycle {cycle}{f' of series {series}' if series else ''}: {axis}: following error "
+            f"{error[place] * 1e3:.6g} mm is over its limit of {drive.following_error_limit * 1e3:.6g} mm "
+            "(drive.following_error_limit)"
         )
 
 

@@ -33,3 +33,6 @@ program's decimals and an arc's end points leave."""
 EQUAL_TIMES = 1e-12
 """1. Relative difference of two times of a controller that is rounding alone: they were multiplied and divided a few
 times."""
+
+NO_OVERSHOOT = 1e-6
+"""1. An overshoot up to this share of the step is none: rounding, and the slow poles of a drive (3e-11), make some."""

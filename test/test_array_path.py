@@ -143,5 +143,7 @@ def test_bad_setpoints_are_refused_in_one_line():
 
 def test_a_following_error_over_its_limit_is_the_fault_of_the_step_loop():
     position = np.array([[0.5, 0.5, 0.5], [0.5, 0.5, 0.525]])
-    with pytest.raises(MachineFault, match=r"u1: following error 25 mm .*limit of 20 mm"):
+    with pytest.raises(MachineFault, match=r"cycle 2 of series \[1\]: u1: following error 25 mm .* limit of 20 mm"):
         respond(load_setup("tripod"), "u1", position, 0.0 * position, 0.0 * position)
+    with pytest.raises(MachineFault, match=r"cycle 2: u1: following error 25 mm"):
+        respond(load_setup("tripod"), "u1", position[1], 0.0 * position[1], 0.0 * position[1])

@@ -80,6 +80,24 @@ def test_two_runs_of_the_graph_are_equal_in_every_topic_they_record(ros_domain, 
     assert {topic for topic in plain if plain[topic] != first[topic]} == {"/run_end"}
 
 
+def test_a_drive_with_everything_on_gives_the_same_in_the_graph(ros_domain, program, tmp_path):
+    overrides = [
+        "drive.velocity_feed_forward=0.9",
+        "drive.acceleration_feed_forward=0.0004",
+        "u2.drive.kind=first_order",
+    ]
+    overrides += ["drive.setpoint_delay=0.0017", "drive.equivalent_delay=0.0008", "u1.drive.position_form=serial"]
+    overrides += [
+        "drive.position_integral_time=0.3",
+        "drive.position_derivative_time=0.002",
+        "drive.velocity_limit=0.06",
+    ]
+    simulated(program, tmp_path / "simulated", *overrides)
+    end = run_graph(program, tmp_path / "graph", *overrides)
+    assert end.completed, end
+    assert_same_run(tmp_path / "graph", tmp_path / "simulated")
+
+
 def test_one_process_per_node_gives_the_same(ros_domain, program, reference, tmp_path):
     done = command("run", program, "--machine", "tripod", "--bag", tmp_path / "bag", "--processes", "each")
     assert (done.returncode, done.stderr) == (0, "")

@@ -80,12 +80,24 @@ def test_the_default_limit_is_twice_the_lag_of_the_fastest_ordinary_motion():
         ("inertia", math.nan, "not a finite number"),
         ("resistance", "low", "not a number"),
         ("Kv", 20.0, "unknown parameter"),
+        ("velocity_feed_forward", -0.1, "below its minimum"),
+        ("setpoint_delay", 0.2, "over its maximum 0.1 s"),
+        ("position_form", "pid", "not one of ideal, parallel, serial"),
+        ("position_derivative_filter", 0.0, "not above 0.0 s"),
+        ("velocity_limit", math.inf, "not a finite number"),
     ],
 )
 def test_a_bad_drive_parameter_is_refused_with_its_key(key, value, reason):
     with pytest.raises(InputError, match=reason) as refused:
         read_section(DriveParameters, {key: value}, "u1.drive.")
     assert f"u1.drive.{key}" in str(refused.value)
+
+
+def test_an_integral_time_that_is_a_slip_for_none_is_refused():
+    with pytest.raises(
+        InputError, match=r"drive\.position_integral_time: 1e-09 is below 1e-06; 0 is no integral action"
+    ):
+        DriveParameters(position_integral_time=1e-9)
 
 
 def test_every_parameter_of_a_drive_says_what_it_is():

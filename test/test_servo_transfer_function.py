@@ -14,9 +14,7 @@ from pkm_cnc.errors import InputError
 from pkm_cnc.servo import (
     CASCADE_STATES,
     DriveParameters,
-    TransferFunction,
     cascade_state_space,
-    delay_time,
     filter_setpoints,
     impulse_response,
     poles,
@@ -24,7 +22,7 @@ from pkm_cnc.servo import (
     ramp_lag,
     ramp_response,
     recursion,
-    rise_time,
+    response_figures,
     step_response,
 )
 
@@ -88,7 +86,8 @@ def test_a_loop_without_integral_gains_has_a_lower_order_and_the_same_end_value(
     loop = position_loop(DriveParameters(**dict.fromkeys(zero, 0.0)))
     assert len(loop.denominator) == 6 - len(zero)
     assert loop.numerator[-1] == loop.denominator[-1] > 0.0
-    assert delay_time(loop) == pytest.approx(delay_time(DEFAULT), rel=1e-4)
+    times = np.linspace(0.0, 0.5, 101)
+    assert step_response(loop, times) == pytest.approx(step_response(DEFAULT, times), abs=1e-4)
 
 
 def test_the_step_response_has_no_overshoot_and_reaches_half_after_0_0349_s():
@@ -98,8 +97,8 @@ def test_the_step_response_has_no_overshoot_and_reaches_half_after_0_0349_s():
     assert response.max() < 1.0 + 1e-9
     assert response[-1] == pytest.approx(1.0, abs=1e-9)
     assert np.all(np.diff(response) > -1e-12)
-    assert delay_time(DEFAULT) == pytest.approx(0.0349, abs=5e-5)
-    assert np.interp(0.5, response, times) == pytest.approx(delay_time(DEFAULT), abs=1e-6)
+    assert np.interp(0.5, response, times) == pytest.approx(0.0349, abs=5e-5)
+    assert response_figures(times, response, 1.0).delay_time == pytest.approx(0.0349, abs=5e-5)
 
 
 def test_the_responses_are_those_of_the_state_space():
@@ -120,8 +119,6 @@ def test_the_first_order_loop_is_the_exponential_lag():
     assert step_response(LAG, times) == pytest.approx(1.0 - np.exp(-20.0 * times), abs=1e-13)
     assert impulse_response(LAG, times) == pytest.approx(20.0 * np.exp(-20.0 * times), abs=1e-12)
     assert ramp_response(LAG, times) == pytest.approx(times - (1.0 - np.exp(-20.0 * times)) / 20.0, abs=1e-13)
-    assert delay_time(LAG) == pytest.approx(math.log(2.0) / 20.0, abs=1e-11)
-    assert rise_time(LAG) == pytest.approx(math.log(9.0) / 20.0, abs=1e-11)
     assert ramp_lag(LAG) == 1.0 / 20.0
 
 
@@ -133,9 +130,10 @@ def test_the_ramp_lag_is_1_over_kv(kv):
     assert times[-1] - ramp_response(loop, times)[-1] == pytest.approx(1.0 / kv, rel=1e-5)
 
 
-def test_an_unstable_loop_has_no_delay_time():
-    with pytest.raises(InputError, match="unstable"):
-        delay_time(TransferFunction((1.0,), (1.0, -1.0)))
+@pytest.mark.parametrize("name", ["velocity_feed_forward", "equivalent_delay", "position_integral_time"])
+def test_a_position_controller_that_eq_7_1_does_not_know_is_refused(name):
+    with pytest.raises(InputError, match=f"drive.{name}: 0.05; eq. 7-1 knows"):
+        position_loop(DriveParameters(**{name: 0.05}))
 
 
 def test_the_recursion_coefficients_are_the_binomial_expansion_of_7_5():

@@ -5,17 +5,15 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from pkm_cnc.cli.arguments import add_machine, write_text
 from pkm_cnc.cli.options import add_options, options_of
 from pkm_cnc.cli.parser import Parser
+from pkm_cnc.cli.progress import bar
 from pkm_cnc.errors import InputError
-from pkm_cnc.experiments import Experiment, Findings, Lab, Runner, Tell, experiment_names, load_experiment, simulated
+from pkm_cnc.experiments import Experiment, Findings, Lab, Runner, experiment_names, load_experiment, simulated
 from pkm_cnc.report import text_table
 
 __all__ = ["add_parser"]
@@ -64,7 +62,7 @@ def _list(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> Non
 
 def _run(experiment: Experiment, arguments: argparse.Namespace) -> None:
     options = options_of(arguments, experiment.options)
-    with _progress(experiment.name) as tell:
+    with bar(experiment.name) as tell:
         lab = Lab(arguments.machine, arguments.set, _graph_runner() if arguments.graph else simulated, tell)
         findings = experiment.run(lab, options)
     result = {
@@ -95,18 +93,3 @@ def _write(folder: Path, result: dict[str, Any]) -> None:
     except OSError as error:
         raise InputError(f"report {folder}: {error.strerror}") from None
     write_text(str(folder / "data.json"), json.dumps(result, allow_nan=False, indent=1) + "\n")
-
-
-@contextmanager
-def _progress(name: str) -> Iterator[Tell]:
-    """A bar on a terminal's stderr, gone at the end; silent elsewhere."""
-    if not sys.stderr.isatty():
-        yield lambda done, what: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-
-    columns = TextColumn(name), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("{task.description}")
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=1.0)
-        yield lambda done, what: progress.update(task, completed=done, description=what)

@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
-__all__ = ["Show", "live_line"]
+from pkm_cnc.experiments import Tell
+
+__all__ = ["Show", "bar", "live_line"]
 
 
 class Show(Protocol):
@@ -39,3 +41,18 @@ def live_line(name: str, servo_period: float) -> Iterator[Show]:
     finally:
         if terminal:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def bar(name: str) -> Iterator[Tell]:
+    """A bar on a terminal's stderr, gone at the end; silent elsewhere."""
+    if not sys.stderr.isatty():
+        yield lambda done, what: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    columns = TextColumn(name), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("{task.description}")
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("", total=1.0)
+        yield lambda done, what: progress.update(task, completed=done, description=what)

@@ -11,7 +11,7 @@ import numpy as np
 from pkm_cnc.contour import heading_deg, judged_range
 from pkm_cnc.experiments.trial import Trial
 from pkm_cnc.program import Line
-from pkm_cnc.report.drawing import round_scale
+from pkm_cnc.report import round_scale
 from pkm_cnc.report.figure import Array, Curve, Note, Panel
 
 __all__ = ["Trace", "plan_panel", "traces_of"]

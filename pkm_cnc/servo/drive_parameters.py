@@ -9,10 +9,14 @@ section 7.6.
 import math
 from dataclasses import dataclass
 
+from pkm_cnc.errors import InputError
 from pkm_cnc.parameters import parameter
 from pkm_cnc.servo.pid import PID_FORMS, Pid
 
 __all__ = ["DriveParameters"]
+
+SHORTEST_INTEGRAL_TIME = 1e-6
+"""s, in the parallel form s^2: far below any of use, a slip for 0."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +25,8 @@ class DriveParameters:
 
     `cascade` is PI velocity, PI current and motor inside the position loop; `first_order` is an ideal velocity loop,
     so the position loop is a first-order lag 1/(1 + s/Kv) and the parameters from `velocity_gain` on are unused.
+
+    Raises InputError for an integral time that is a slip for 0.
     """
 
     kind: str = parameter(
@@ -96,6 +102,13 @@ class DriveParameters:
     inertia: float = parameter(
         0.0087, "of motor, screw and slider together, at the motor's shaft", unit="kg m^2", above=0.0
     )
+
+    def __post_init__(self) -> None:
+        if 0.0 < self.position_integral_time < SHORTEST_INTEGRAL_TIME:
+            raise InputError(
+                f"drive.position_integral_time: {self.position_integral_time} is below {SHORTEST_INTEGRAL_TIME}; "
+                "0 is no integral action"
+            )
 
     @property
     def position_controller(self) -> Pid:

@@ -1,8 +1,8 @@
 """The closed position loop as a transfer function: thesis eq. 7-1..7-3, its responses, and the recursion 7-4..7-9.
 
 All of this is the continuous loop. The sampled loop that the machine runs (position controller once per servo period)
-is `ServoDrive` with an axis plant; at 1 ms it differs little. scipy.signal and scipy.optimize are imported where they
-are used, because they take a second and no node needs them.
+is `ServoDrive` with an axis plant; at 1 ms it differs little. scipy.signal is imported where it is used,
+because that takes a second and no node needs it.
 
 Slow poles. The small integral gains put two poles almost onto the zeros -T_p/K_p and -T_pi/K_pi (-8.3e-4 and -2e-4 1/s
 for the defaults): in a step they show with 3e-11 of its height, but they last for hours, and moments of the impulse
@@ -22,7 +22,6 @@ from pkm_cnc.servo.drive_parameters import DriveParameters
 
 __all__ = [
     "TransferFunction",
-    "delay_time",
     "filter_setpoints",
     "impulse_response",
     "poles",
@@ -30,11 +29,21 @@ __all__ = [
     "ramp_lag",
     "ramp_response",
     "recursion",
-    "rise_time",
     "step_response",
 ]
 
 FloatArray = NDArray[np.float64]
+
+
+_BESIDE_THE_GAIN = (
+    "velocity_feed_forward",
+    "acceleration_feed_forward",
+    "setpoint_delay",
+    "equivalent_delay",
+    "position_integral_time",
+    "position_derivative_time",
+    "velocity_limit",
+)
 
 
 class TransferFunction(NamedTuple):
@@ -48,7 +57,13 @@ def position_loop(drive: DriveParameters) -> TransferFunction:
     """Actual over commanded position of the closed loop: eq. 7-1 with 7-2, 7-3; kv / (s + kv) when first_order.
 
     G(0) = 1. An integral gain of zero lowers the order: the root at s = 0 that it puts above and below is cancelled.
+    Raises InputError for a drive whose position controller is more than a gain: eq. 7-1 has nothing else.
     """
+    for name in _BESIDE_THE_GAIN:
+        if getattr(drive, name) != 0.0:
+            raise InputError(
+                f"drive.{name}: {getattr(drive, name)}; eq. 7-1 knows a position controller of gain kv alone"
+            )
     if drive.kind == "first_order":
         return TransferFunction((drive.kv,), (1.0, drive.kv))
     kv, k_p, t_p = drive.kv, drive.velocity_gain, drive.velocity_integral
@@ -102,41 +117,6 @@ def ramp_lag(transfer_function: TransferFunction) -> float:
     numerator, denominator = transfer_function
     first_order_term = numerator[-2] / numerator[-1] if len(numerator) > 1 else 0.0
     return denominator[-2] / denominator[-1] - first_order_term
-
-
-def delay_time(transfer_function: TransferFunction) -> float:
-    """Time (s) at which the step response first reaches 50 % of its final value (the "delay time" of thesis 7.4).
-
-    Raises InputError when the transfer function is unstable.
-    """
-    return _time_to_reach(0.5, transfer_function)
-
-
-def rise_time(transfer_function: TransferFunction) -> float:
-    """Time (s) that the step response takes from 10 % to 90 % of its final value.
-
-    Raises InputError when the transfer function is unstable.
-    """
-    return _time_to_reach(0.9, transfer_function) - _time_to_reach(0.1, transfer_function)
-
-
-def _time_to_reach(level: float, transfer_function: TransferFunction) -> float:
-    from scipy import optimize
-
-    roots = poles(transfer_function)
-    rightmost = roots[np.argmax(roots.real)]
-    if rightmost.real >= 0.0:
-        raise InputError(f"transfer function: pole {rightmost:.6g} 1/s is unstable, a step response has no end")
-    target = level * transfer_function.numerator[-1] / transfer_function.denominator[-1]
-
-    def missing(time: float) -> float:
-        return float(step_response(transfer_function, (0.0, time))[-1] - target)
-
-    horizon = 1.0 / abs(roots[0])
-    while not (reached := step_response(transfer_function, np.linspace(0.0, horizon, 201)) >= target).any():
-        horizon *= 2.0
-    first = int(np.argmax(reached))
-    return float(optimize.brentq(missing, horizon * (first - 1) / 200, horizon * first / 200))
 
 
 def recursion(transfer_function: TransferFunction, period: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
