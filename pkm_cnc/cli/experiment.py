@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import sys
 from pathlib import Path
@@ -71,6 +72,7 @@ def _list(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> Non
 
 def _run(experiment: Experiment, arguments: argparse.Namespace) -> None:
     options = options_of(arguments, experiment.options)
+    gc.freeze()  # as in simulate: without looking at what is there by now the garbage collector costs a fifth less
     with bar(experiment.name) as tell:
         lab = Lab(arguments.machine, arguments.set, _graph_runner() if arguments.graph else simulated, tell)
         findings = experiment.run(lab, options)
