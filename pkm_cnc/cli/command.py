@@ -34,9 +34,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    words = joined(sys.argv[1:] if arguments is None else arguments)
-    parsed = _parser().parse_args(words)
-    parsed.command = shlex.join(["pkm_cnc", *words])
+    given = sys.argv[1:] if arguments is None else arguments
+    parsed = _parser().parse_args(joined(given))
+    parsed.command = shlex.join(["pkm_cnc", *given])  # for what tells how it was made
     try:
         parsed.action(parsed)
         sys.stdout.flush()

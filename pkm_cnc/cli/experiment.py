@@ -18,7 +18,6 @@ from pkm_cnc.experiments import (
     Findings,
     Lab,
     Runner,
-    experiment_json,
     experiment_names,
     experiment_page,
     load_experiment,
@@ -76,12 +75,9 @@ def _run(experiment: Experiment, arguments: argparse.Namespace) -> None:
     with bar(experiment.name) as tell:
         lab = Lab(arguments.machine, arguments.set, _graph_runner() if arguments.graph else simulated, tell)
         findings = experiment.run(lab, options)
-    written = []
-    if arguments.report:
-        page = experiment_page(experiment, lab, options, findings, arguments.command)
-        written = write_page(Path(arguments.report), page)
-    result = experiment_json(experiment, lab, options, findings)
-    print(json.dumps(result, allow_nan=False) if arguments.json else _text(findings))
+    page = experiment_page(experiment, lab, options, findings, arguments.command)
+    written = write_page(Path(arguments.report), page) if arguments.report else []
+    print(json.dumps(page.data, allow_nan=False) if arguments.json else _text(findings))
     if written:
         print(f"report {written[-1]}", file=sys.stderr if arguments.json else sys.stdout)
 

@@ -8,7 +8,7 @@ import pkgutil
 from typing import cast
 
 from pkm_cnc.errors import InputError
-from pkm_cnc.experiments._page import experiment_json, experiment_page
+from pkm_cnc.experiments._page import experiment_page
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab, Tell
 from pkm_cnc.experiments.trial import Runner, Trial, simulated, trial_of_bag
 
@@ -19,7 +19,6 @@ __all__ = [
     "Runner",
     "Tell",
     "Trial",
-    "experiment_json",
     "experiment_names",
     "experiment_page",
     "load_experiment",

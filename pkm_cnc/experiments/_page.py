@@ -1,46 +1,41 @@
-"""What an experiment found, as the object for scripts and as the page for readers."""
+"""The page of an experiment."""
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab
 from pkm_cnc.parameters import parameters_of
 from pkm_cnc.report import Page, Table, parameter_tables
 
-__all__ = ["experiment_json", "experiment_page"]
-
-
-def experiment_json(experiment: Experiment, lab: Lab, options: Any, findings: Findings) -> dict[str, Any]:
-    """What was asked of which machine and what came of it, in the types of JSON."""
-    return {
-        "experiment": experiment.name,
-        "machine": lab.machine,
-        "set": list(lab.overrides),
-        "options": dataclasses.asdict(options),
-        "data": findings.to_json(),
-    }
+__all__ = ["experiment_page"]
 
 
 def experiment_page(experiment: Experiment, lab: Lab, options: Any, findings: Findings, command: str) -> Page:
-    """The page of an experiment that `command` ran; with its object for scripts. Raises InputError as `lab.setup`."""
+    """The page of `findings`, with the options and the machine's parameters; `command` made it."""
+    rows = [
+        (spec.name, _text(getattr(options, spec.name)), spec.unit, spec.doc) for spec in parameters_of(type(options))
+    ]
     return Page(
-        title=f"Experiment {experiment.name}: {lab.setup().machine_name}",
+        title=f"{experiment.name} on {lab.machine}",
         question=experiment.question,
         command=command,
         tables=findings.tables,
         figures=findings.figures,
         remarks=findings.remarks,
-        parameters=[_options_table(options), *parameter_tables(lab.setup())],
-        data=experiment_json(experiment, lab, options, findings),
+        parameters=[
+            Table("Options of the experiment", ("option", "value", "unit", "meaning"), rows),
+            *parameter_tables(lab.setup()),
+        ],
+        data={
+            "experiment": experiment.name,
+            "machine": lab.machine,
+            "set": list(lab.overrides),
+            "options": {spec.name: getattr(options, spec.name) for spec in parameters_of(type(options))},
+            "data": findings.to_json(),
+        },
     )
 
 
-def _options_table(options: Any) -> Table:
-    rows = []
-    for spec in parameters_of(type(options)):
-        value = getattr(options, spec.name)
-        text = ", ".join(f"{part:g}" for part in value) if isinstance(value, tuple) else str(value)
-        rows.append((spec.name, text, spec.unit, spec.doc))
-    return Table("Options of the experiment", ("option", "value", "unit", "meaning"), rows)
+def _text(value: Any) -> str:
+    return ", ".join(f"{part:.10g}" for part in value) if isinstance(value, tuple) else str(value)
