@@ -131,12 +131,16 @@ def test_the_list_has_every_experiment_with_machine_and_question() -> None:
 
 @pytest.mark.usefixtures("echo")
 def test_tables_and_remarks_are_printed_and_the_report_holds_the_same_as_json(tmp_path: Path) -> None:
-    text = done("experiment", "echo", "--report", tmp_path / "report")
+    folder = tmp_path / "report"
+    text = done("experiment", "echo", "--feeds", "1e3,2e3", "--report", folder)
     assert "What was given\nname     value" in text
     assert "nothing      -" in text
-    assert text.endswith("\nA remark.\n")
-    written = json.loads((tmp_path / "report" / "data.json").read_text(encoding="utf-8"))
-    assert written == json.loads(done("experiment", "echo", "--json"))
+    assert text.endswith(f"\nA remark.\nreport {folder}/index.html\n")
+    written = json.loads((folder / "data.json").read_text(encoding="utf-8"))
+    assert written == json.loads(done("experiment", "echo", "--feeds", "1e3,2e3", "--json"))
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    for words in ("What comes back?", f"pkm_cnc experiment echo --feeds 1e3,2e3 --report {folder}", "1000, 2000"):
+        assert words in page
 
 
 @pytest.mark.usefixtures("echo")

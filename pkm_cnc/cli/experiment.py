@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import sys
 from pathlib import Path
@@ -70,14 +71,15 @@ def _list(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> Non
 
 def _run(experiment: Experiment, arguments: argparse.Namespace) -> None:
     options = options_of(arguments, experiment.options)
+    gc.freeze()  # as in simulate: without looking at what is there by now the garbage collector costs a fifth less
     with bar(experiment.name) as tell:
         lab = Lab(arguments.machine, arguments.set, _graph_runner() if arguments.graph else simulated, tell)
         findings = experiment.run(lab, options)
     page = experiment_page(experiment, lab, options, findings, arguments.command)
-    if arguments.report:
-        written = write_page(Path(arguments.report), page)
-        print(f"report {written[-1]}", file=sys.stderr if arguments.json else sys.stdout)
+    written = write_page(Path(arguments.report), page) if arguments.report else []
     print(json.dumps(page.data, allow_nan=False) if arguments.json else _text(findings))
+    if written:
+        print(f"report {written[-1]}", file=sys.stderr if arguments.json else sys.stdout)
 
 
 def _graph_runner() -> Runner:

@@ -18,6 +18,8 @@ __all__ = ["Trace", "plan_panel", "traces_of"]
 
 ROOM = 0.1
 """Of the longest line: how far the largest contour error is drawn from it at most."""
+ON_THE_LINE = 0.005
+"""Of the largest contour error: what is smaller lies within the width of the programmed line and is on no side."""
 POINTS = 100
 """Of a drawn path: more cannot be told apart."""
 
@@ -61,7 +63,8 @@ def plan_panel(traces: Sequence[Trace], zero: tuple[float, float], title: str) -
         programmed.append(Curve("programmed", np.array([x0, x1]), np.array([y0, y1]), role="programmed"))
         margin = 60.0 * length
         notes.append(Note(x1 + margin * tx, y1 + margin * ty, f"{heading_deg(line):g} deg"))
-        for name, here in (("actual, left of travel", trace.left > 0.0), ("actual, right of travel", trace.left < 0.0)):
+        for name, sign in (("actual, left of travel", 1.0), ("actual, right of travel", -1.0)):
+            here = sign * trace.left > ON_THE_LINE * largest
             offset = 1e3 * scale * np.where(here, trace.left, math.nan)
             x, y = x0 + 1e3 * trace.along * tx - offset * ty, y0 + 1e3 * trace.along * ty + offset * tx
             sides.append(Curve(name, x, y))

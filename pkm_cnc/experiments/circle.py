@@ -205,7 +205,7 @@ def _over_angle(machine: str, circle: Circle) -> Figure:
         tops = np.degrees(sorted(extrema(path)))
         curves.append(Curve(DIRECTIONS[direction], at[::10], 1e6 * path.by_angle[::10]))
         values = 1e6 * np.interp(tops, at, path.by_angle, period=360.0)
-        curves.append(Curve(f"maxima, {DIRECTIONS[direction]}", tops, values, kind="points"))
+        curves.append(Curve("", tops, values, kind="points"))
     if circle.law is not None:
         curves.append(Curve("law: kappa v^2 (1/R - r . J^-1 d2u/ds2)", degrees, circle.law, role="programmed"))
     panels = [Panel("Radial deviation (+ = the circle came out too small)", ANGLE, "dR (um)", curves)]
@@ -219,7 +219,7 @@ def _over_angle(machine: str, circle: Circle) -> Figure:
         "circle-drives",
         f"Circular test, {machine}: {circle.name}",
         panels,
-        "Maxima of dR against strut angles and drive velocities; the points are largest and smallest values.",
+        "Points: local maxima of dR, and largest and smallest strut angles and drive velocities.",
         share_x=True,
     )
 

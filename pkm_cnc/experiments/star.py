@@ -32,6 +32,9 @@ ZERO_RESOLUTION = 0.005
 WIDEST_BRACKET = 45.0
 """deg between neighbouring headings; over a wider gap a change of side is not followed up."""
 
+DRAWN = 181
+"""Headings at which the law is drawn."""
+
 HEADING = "heading (deg, counter-clockwise from +x)"
 LEFT, UP = "in the plane (um, + = left of travel)", "z (um, + = above)"
 LAW = "law: kappa v^2 J^-1 d2u/ds2"
@@ -77,6 +80,8 @@ class Star:
     """As `evaluate --json` has them."""
     mean: Judged
     law: Judged | None
+    law_curve: tuple[Array, Judged] | None
+    """The law at headings of its own, close enough to draw a line through."""
     traces: Sequence[Trace]
     zeros: Sequence[float] | None
     """Headings without error in the plane, deg; None where they were not looked for."""
@@ -117,7 +122,7 @@ def _star(
     zeros = None
     if feed == options.feeds[0]:
         zeros = _zeros(headings, mean.left, judge)
-    law, law_zeros = None, []
+    law, law_curve, law_zeros = None, None, []
     if factor is not None:
         scale = 1e6 * factor * (feed / 60e3) ** 2
 
@@ -125,8 +130,10 @@ def _star(
             return _law(setup, pivot, heading, options.length, scale)
 
         law = Judged(*np.array([expected(heading) for heading in headings]).T)
+        dense = np.linspace(headings[0], headings[-1], DRAWN)
+        law_curve = dense, Judged(*np.array([expected(heading) for heading in dense.tolist()]).T)
         law_zeros = _zeros(headings, law.left, lambda heading: expected(heading)[0])
-    return Star(pivot, feed, np.array(headings), lines, mean, law, traces_of(trial), zeros, law_zeros)
+    return Star(pivot, feed, np.array(headings), lines, mean, law, law_curve, traces_of(trial), zeros, law_zeros)
 
 
 def _lines(trial: Trial) -> list[dict[str, Any]]:
@@ -250,8 +257,9 @@ def _over_heading(
             for star in group:
                 values = getattr(star.mean, part)
                 curves.append(Curve(curve_name(star), star.headings, values, kind="line and points"))
-                if star.law is not None:
-                    curves.append(Curve(LAW, star.headings, getattr(star.law, part), role="programmed"))
+                if star.law_curve is not None:
+                    dense, law = star.law_curve
+                    curves.append(Curve(LAW, dense, getattr(law, part), role="programmed"))
             panels.append(Panel(title, HEADING, label, curves))
     return Figure(
         name,

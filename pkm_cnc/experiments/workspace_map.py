@@ -286,7 +286,7 @@ def _star_data(stars: Stars, checked: dict[str, Any] | None) -> dict[str, Any]:
 EXPERIMENT = Experiment(
     name="workspace-map",
     question="Where in the workspace is the contour error of a star large, and how fast must the drives be there? "
-    " (thesis figs 6-17 to 6-22 for any pivot; condition and velocity gain of any machine)",
+    "(thesis figs 6-17 to 6-22 for any pivot; condition and velocity gain of any machine)",
     machine="tripod",
     options=Options,
     run=_run,
