@@ -20,8 +20,8 @@ def add_parser(subparsers: Any) -> None:
         "reproduce",
         help="run every experiment and judge every claim of the thesis",
         description="Run every experiment with its defaults but the workspace map, judge every claim of the thesis "
-        "that can be checked without its lost figures, and print claims, computed figures and verdicts. A claim that is "
-        "contradicted is a result: exit status 0.",
+        "that can be checked without its lost figures, and print claims, computed figures and verdicts. A claim that "
+        "is contradicted is a result: exit status 0.",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
     parser.add_argument("--report", metavar="DIR", help="write pages, pictures and data.json to DIR")
