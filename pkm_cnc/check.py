@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
+from pkm_cnc.kinematics import reached_rows
+from pkm_cnc.motion import Interpolator
 from pkm_cnc.program import Arc, Line, Program, Toolpath, interpret
+from pkm_cnc.records import TcpSetpoint
 
 __all__ = ["check_toolpath", "prepare"]
 
@@ -34,10 +39,15 @@ def prepare(setup: Setup, program: Program) -> Toolpath:
 def check_toolpath(setup: Setup, program: Program, toolpath: Toolpath) -> None:
     """Check every element along its length against workspace, singularities and drive travel.
 
+    Where the joints depend on what came before (`Machine.setpoint_motion`), every setpoint too, as the run will have
+    it; but not with motion.wait_in_position, because how long a run waits is not known before: it faults by itself.
     Raises InputError naming program, line, strut or axis, the place and by how much.
     """
     for element in toolpath.elements:
         _check_element(setup, f"{program.name}:{element.line}", element)
+    static = setup.machine.setpoint_motion(setup.start_pose, setup.servo_period) == setup.machine.motion
+    if not static and not setup.motion.wait_in_position:
+        _check_setpoints(setup, program, toolpath)
 
 
 def _check_element(setup: Setup, where: str, element: Line | Arc) -> None:
@@ -54,7 +64,34 @@ def _check_points(setup: Setup, where: str, points: NDArray[np.float64]) -> None
     if violations:
         worst = max(violations, key=lambda violation: violation.excess)
         raise InputError(f"{where}: outside the workspace {_place(setup, points[worst.row or 0])}: {worst.reason}")
-    joints = setup.machine.inverse(points)
+    _check_joints(setup, where, points, setup.machine.inverse(points))
+
+
+def _check_setpoints(setup: Setup, program: Program, toolpath: Toolpath) -> None:
+    motion = setup.machine.setpoint_motion(setup.start_pose, setup.servo_period)
+    for segment, setpoints in _portions(Interpolator(toolpath, setup.motion, setup.servo_period)):
+        where = f"{program.name}:{toolpath.elements[segment].line}"
+        table = np.array([setpoint[:9] for setpoint in setpoints])
+        points = table[:, 0:3]
+        joints, refusal = reached_rows(lambda *vectors: motion(*vectors)[0], points, table[:, 3:6], table[:, 6:9])
+        if refusal is not None:
+            raise InputError(f"{where}: outside the workspace {_place(setup, points[len(joints)])}: {refusal}")
+        _check_joints(setup, where, points, joints)
+
+
+def _portions(interpolator: Interpolator) -> Iterator[tuple[int, list[TcpSetpoint]]]:
+    """The setpoints of a run that is in position at once wherever it waits, in portions of one segment each."""
+
+    def setpoints() -> Iterator[TcpSetpoint]:
+        while not interpolator.finished:
+            yield interpolator.step()
+
+    for segment, group in itertools.groupby(setpoints(), key=lambda setpoint: setpoint.segment):
+        while portion := list(itertools.islice(group, PORTION)):
+            yield segment, portion
+
+
+def _check_joints(setup: Setup, where: str, points: NDArray[np.float64], joints: NDArray[np.float64]) -> None:
     missed = setup.actual.joint_violations(joints) if setup.actual is not setup.machine else []
     if missed:
         place = _place(setup, points[missed[0].row or 0])

@@ -14,8 +14,8 @@ import numpy as np
 from pkm_cnc import run_messages
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import ContourMonitor, SegmentSummary, in_position
-from pkm_cnc.errors import MachineFault, UnreachableError
-from pkm_cnc.kinematics import Machine, Motion
+from pkm_cnc.errors import MachineFault
+from pkm_cnc.kinematics import Machine, Motion, reached_rows
 from pkm_cnc.motion import Interpolator
 from pkm_cnc.plant import AxisPlant
 from pkm_cnc.program import Program, Toolpath
@@ -74,7 +74,9 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
         setpoints = [interpolator.step(rests)]
         while len(setpoints) < BLOCK and not interpolator.needs_feedback and not interpolator.finished:
             setpoints.append(interpolator.step())
-        rows, fault = axes.run(_axis_setpoints(motion, setpoints), cycle)
+        axis_setpoints, unreached = _axis_setpoints(motion, setpoints, cycle)
+        rows, fault = axes.run(axis_setpoints, cycle)
+        fault = fault or unreached
         read = [[state.position for state in row.states] for row in rows]
         sliders = [[state.slider_position for state in row.states] for row in rows]
         believed, fault = _tcp(setup.machine, read, cycle, fault)
@@ -95,27 +97,27 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
         rests = in_position(setpoints[-1], believed[-1], setup.motion.in_position_tolerance)
 
 
-def _axis_setpoints(motion: Motion, setpoints: list[TcpSetpoint]) -> list[list[AxisSetpoint]]:
+def _axis_setpoints(
+    motion: Motion, setpoints: list[TcpSetpoint], first_cycle: int
+) -> tuple[list[list[AxisSetpoint]], MachineFault | None]:
+    """The setpoints of the axes up to the first that cannot be reached, and that fault."""
     table = np.array([setpoint[:9] for setpoint in setpoints])
-    joints = motion(table[:, 0:3], table[:, 3:6], table[:, 6:9])
-    return [list(map(AxisSetpoint._make, row)) for row in np.stack(joints, axis=-1).tolist()]
+    joints, refusal = reached_rows(
+        lambda *vectors: np.stack(motion(*vectors), axis=-1), table[:, 0:3], table[:, 3:6], table[:, 6:9]
+    )
+    rows = [list(map(AxisSetpoint._make, row)) for row in joints.tolist()]
+    return rows, None if refusal is None else MachineFault(f"cycle {first_cycle + len(rows)}: {refusal}")
 
 
 def _tcp(
     machine: Machine, joints: list[list[float]], first_cycle: int, fault: MachineFault | None
 ) -> tuple[list[Vector], MachineFault | None]:
     """The TCP of rows of joints up to the first that has none, and that fault, or else the one that was before."""
-    try:
-        return [(x, y, z) for x, y, z in machine.forward(joints).tolist()] if joints else [], fault
-    except UnreachableError:
-        points: list[Vector] = []
-        for cycle, row in enumerate(joints, first_cycle):
-            try:
-                x, y, z = machine.forward(row).tolist()
-            except UnreachableError as error:
-                return points, MachineFault(f"cycle {cycle}: {error}")
-            points.append((x, y, z))
-        raise
+    if not joints:
+        return [], fault
+    reached, refusal = reached_rows(machine.forward, np.array(joints))
+    points = [(x, y, z) for x, y, z in reached.tolist()]
+    return points, fault if refusal is None else MachineFault(f"cycle {first_cycle + len(points)}: {refusal}")
 
 
 class _AxesRow(NamedTuple):

@@ -100,12 +100,20 @@ def test_many_lines_are_each_as_alone_whatever_their_shape():
             assert together[index] == pytest.approx(single, abs=1e-15)
 
 
-@pytest.mark.parametrize("cycles", [0, 1, 2, 63, 64, 65, 129])
+@pytest.mark.parametrize("cycles", [0, 1, 2, 31, 32, 33, 65])
 def test_any_length_is_taken(cycles):
     whole = respond(load_setup("tripod"), "u1", *wave(200))
     part = respond(load_setup("tripod"), "u1", *(values[:cycles] for values in wave(200)))
     for short, long in zip(part, whole, strict=True):
         assert short == pytest.approx(long[:cycles], abs=1e-16)
+
+
+def test_more_series_than_are_advanced_together_are_each_as_alone():
+    setup = load_setup("tripod")
+    cases = [wave(100, START + 1e-4 * index, 0.03) for index in range(130)]
+    response = respond(setup, "u1", *np.stack(cases, axis=1))
+    for index in (0, 63, 64, 129):
+        assert response.position[index] == pytest.approx(respond(setup, "u1", *cases[index]).position, abs=1e-15)
 
 
 def test_an_axis_at_rest_stays_exactly_there():
@@ -143,5 +151,7 @@ def test_bad_setpoints_are_refused_in_one_line():
 
 def test_a_following_error_over_its_limit_is_the_fault_of_the_step_loop():
     position = np.array([[0.5, 0.5, 0.5], [0.5, 0.5, 0.525]])
-    with pytest.raises(MachineFault, match=r"u1: following error 25 mm .*limit of 20 mm"):
+    with pytest.raises(MachineFault, match=r"cycle 2 of series \[1\]: u1: following error 25 mm .* limit of 20 mm"):
         respond(load_setup("tripod"), "u1", position, 0.0 * position, 0.0 * position)
+    with pytest.raises(MachineFault, match=r"cycle 2: u1: following error 25 mm"):
+        respond(load_setup("tripod"), "u1", position[1], 0.0 * position[1], 0.0 * position[1])

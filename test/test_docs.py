@@ -73,12 +73,12 @@ def test_the_table_of_the_readme_is_what_is_printed(tmp_path: Path) -> None:
 def test_the_minimal_machine_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = (ROOT / "docs" / "add_a_machine.md").read_text(encoding="utf-8")
     code, machine_file = (re.findall(rf"```{kind}\n(.*?)```", text, re.DOTALL) for kind in ("python", "yaml"))
-    (tmp_path / "cartesian.py").write_text("\n".join(code), encoding="utf-8")
+    (tmp_path / "corexy.py").write_text("\n".join(code), encoding="utf-8")
     monkeypatch.setattr(kinematics, "__path__", [*kinematics.__path__, str(tmp_path)])
     setup = setup_from_text("\n".join(machine_file))
     program = Program("star.ngc", star_program(6000.0, [0.0, 30.0], (0.0, 0.0), 200.0))
     cycles = list(simulated_cycles(setup, prepare(setup, program)))
-    sys.modules.pop("pkm_cnc.kinematics.cartesian")
+    sys.modules.pop("pkm_cnc.kinematics.corexy")
     assert all(cycle.error.up == 0.0 for cycle in cycles)
     summaries = [summary for cycle in cycles for summary in cycle.summaries]
     assert len(summaries) == 2

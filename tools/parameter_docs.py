@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from pkm_cnc.config import AXIS_SECTIONS, ControllerParameters, GraphParameters
-from pkm_cnc.kinematics import load_kinematics
+from pkm_cnc.kinematics import load_kinematics, machine_names
 from pkm_cnc.motion import MotionParameters
 from pkm_cnc.nodes.ros_parameters import RUN_PARAMETERS
 from pkm_cnc.parameters import Parameter, parameters_of
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "parameters.md"
-MACHINES = ("tripod",)
 
 HEAD = """# Parameters
 
@@ -23,8 +22,9 @@ axis by putting it in front: `u1.drive.kv`. Whole numbers stand for numbers wher
 
 def document() -> str:
     """The document's text."""
-    parts = [HEAD, _section("General", "", ControllerParameters, "`machine` names the kinematics: tripod.")]
-    for name in MACHINES:
+    names = ", ".join(machine_names())
+    parts = [HEAD, _section("General", "", ControllerParameters, f"`machine` names the kinematics, one of {names}.")]
+    for name in machine_names():
         parts.append(_section(f"geometry ({name})", "geometry.", load_kinematics(name).Geometry))
     parts.append(_section("motion", "motion.", MotionParameters))
     parts += [_section(f"{name} (per axis)", f"{name}.", section) for name, section in AXIS_SECTIONS.items()]

@@ -1,4 +1,4 @@
-"""What every launch file describes: the graph, one process per node. Needs the launch packages of a ROS installation."""
+"""What every launch file describes: the graph, one process per node. Needs the launch packages of a ROS system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""pkm_cnc evaluate: contour errors from a bag alone, as table, JSON and pictures."""
+"""pkm_cnc evaluate: contour errors from a bag alone, as tables, JSON and a page."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from pkm_cnc.bag import read_run
-from pkm_cnc.evaluation import Evaluation, evaluate
-from pkm_cnc.report import draw, table
+from pkm_cnc.evaluation import Evaluation, evaluate, setup_of
+from pkm_cnc.report import run_headline, run_page, run_remarks, run_tables, text_table, write_page
 
 __all__ = ["add_parser"]
 
@@ -20,7 +20,7 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser("evaluate", help="contour errors from a bag alone: table, JSON, pictures")
     parser.add_argument("bag", metavar="BAG", help="folder of the bag")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
-    parser.add_argument("--report", metavar="DIR", help="write pictures to DIR")
+    parser.add_argument("--report", metavar="DIR", help="write a page (index.html), its pictures and data.json to DIR")
     parser.set_defaults(action=_evaluate)
 
 
@@ -35,10 +35,16 @@ def _evaluate(arguments: argparse.Namespace) -> None:
             file=sys.stderr,
         )
     _tell_end(arguments.bag, evaluation)
-    print(json.dumps(evaluation.to_json()) if arguments.json else table(evaluation))
+    print(json.dumps(evaluation.to_json()) if arguments.json else _text(evaluation))
     if arguments.report:
-        for path in draw(evaluation, Path(arguments.report)):
-            print(f"picture {path}", file=sys.stderr if arguments.json else sys.stdout)
+        page = run_page(evaluation, setup_of(run), f"pkm_cnc evaluate {arguments.bag} --report {arguments.report}")
+        written = write_page(Path(arguments.report), page)
+        print(f"report {written[-1]}", file=sys.stderr if arguments.json else sys.stdout)
+
+
+def _text(evaluation: Evaluation) -> str:
+    tables = [text_table(table) for table in run_tables(evaluation)]
+    return "\n\n".join([run_headline(evaluation), *tables, *run_remarks(evaluation)])
 
 
 def _tell_end(bag: str, evaluation: Evaluation) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pkm_cnc.contour import CirclePath
 from pkm_cnc.experiments.trial import Trial
-from pkm_cnc.report.drawing import round_scale
+from pkm_cnc.report import round_scale
 from pkm_cnc.report.figure import Array, Curve, Note, Panel
 
 __all__ = ["DIRECTIONS", "ORDERS", "by_direction", "harmonics", "polar_panel"]

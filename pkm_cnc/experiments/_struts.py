@@ -11,20 +11,26 @@ __all__ = ["strut_angles"]
 
 Array = NDArray[np.float64]
 
+CONSTANT = 1e-3
+"""Of the longest: by how much the length of a strut may differ between poses, far more than a run's errors make it."""
+
 
 def strut_angles(machine: Machine, joints: Array, tcp: Array) -> dict[str, Array]:
-    """Angles (n,), deg, by axis, for the poses `tcp` (n, 3) with `joints` (n, m), m; no axes for a machine without.
+    """Angles (n,), deg, by axis, for the poses `tcp` (n, 3) with `joints` (n, m), m; only of struts of constant length.
 
-    90 deg is a strut along its column, 0 one across it, which cannot move its slider's load. On the Tripod, whose
-    columns are vertical, it is the angle to the horizontal. Taken from the machine's drawing, lines "strut AXIS" and
-    "column AXIS".
+    90 deg is a strut along its column, 0 one across it. On the Tripod, whose columns are vertical, it is the angle to
+    the horizontal. Taken from the machine's drawing, lines "strut AXIS" and "column AXIS".
     """
-    found: dict[str, list[float]] = {}
-    for pose, sliders in zip(tcp, joints, strict=True):
-        lines = {name: points[-1] - points[0] for name, points in machine.sketch(sliders, pose)}
-        for axis in machine.axes:
-            strut, column = lines.get(f"strut {axis}"), lines.get(f"column {axis}")
-            if strut is not None and column is not None:
-                along = abs(float(np.vdot(strut, column))) / float(np.linalg.norm(strut) * np.linalg.norm(column))
-                found.setdefault(axis, []).append(float(np.degrees(np.arcsin(min(along, 1.0)))))
-    return {axis: np.array(angles) for axis, angles in found.items()}
+    found: dict[str, Array] = {}
+    drawings = [dict(machine.sketch(sliders, pose)) for pose, sliders in zip(tcp, joints, strict=True)]
+    for axis in machine.axes:
+        if {f"strut {axis}", f"column {axis}"} <= set(drawings[0]):
+            strut, column = (
+                np.array([drawing[f"{part} {axis}"][-1] - drawing[f"{part} {axis}"][0] for drawing in drawings])
+                for part in ("strut", "column")
+            )
+            length = np.linalg.norm(strut, axis=1)
+            if length.min() > 0.0 and np.ptp(length) < CONSTANT * length.max():
+                along = np.abs((strut * column).sum(axis=1)) / (length * np.linalg.norm(column, axis=1))
+                found[axis] = np.degrees(np.arcsin(np.minimum(along, 1.0)))
+    return found

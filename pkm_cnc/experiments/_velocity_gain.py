@@ -15,12 +15,12 @@ from pkm_cnc.experiments.trial import Trial
 from pkm_cnc.kinematics.monopod import Monopod
 from pkm_cnc.tolerances import FEED_REACHED
 
-__all__ = ["Pass", "closed_form", "passes", "passes_program", "require_root"]
+__all__ = ["SETTLED", "Pass", "closed_form", "passes", "passes_program", "require_root"]
 
 Array = NDArray[np.float64]
 
-_SETTLED = 6.0
-"""In 1/Kv, after the feed is reached: the drives' transient has fallen to 0.25 %."""
+SETTLED = 8.0
+"""In 1/Kv, after the feed is reached: the drives' transient has fallen to 0.03 %."""
 
 
 def closed_form(setpoint: ArrayLike, tracking_error: ArrayLike, length: float, gamma: float) -> Array:
@@ -97,13 +97,13 @@ def require_root(machine: Monopod) -> None:
 
 
 def passes(trial: Trial, machine: Monopod) -> list[Pass]:
-    """The passes of a run, in order; of each the cycles from 6/Kv after the feed is reached till it is left.
+    """The passes of a run, in order; of each the cycles from SETTLED/Kv after the feed is reached till it is left.
 
     Raises InputError if a pass has none.
     """
     x_s, velocity = trial.tcp_setpoint[:, 0, 0], trial.tcp_setpoint[:, 1, 0]
     times, (axis,) = trial.times, trial.setup.axes.values()
-    settling = math.ceil(_SETTLED / axis.drive.kv / trial.setup.servo_period)
+    settling = math.ceil(SETTLED / axis.drive.kv / trial.setup.servo_period)
     rates = np.gradient(trial.evaluation.true[:, 0], times), np.gradient(trial.axis_position[:, 0], times)
     found: list[Pass] = []
     after = 0

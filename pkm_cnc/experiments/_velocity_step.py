@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pkm_cnc.experiments.experiment import Lab
+from pkm_cnc.servo import response_figures
 
 __all__ = ["VelocityStep", "velocity_step"]
 
@@ -30,23 +31,17 @@ class VelocityStep:
     actual: Array
 
     def to_json(self) -> dict[str, Any]:
-        """Figures of the response; the overshoot is over the feed, 0 if there is none."""
-        reached = [
-            float(np.interp(share * self.feed, self.actual[: self._top + 1], self.times[: self._top + 1]))
-            for share in (0.1, 0.9)
-        ]
+        """Figures of the response, its overshoot over the speed at the end. Raises InputError if it has not settled."""
+        figures = response_figures(self.times, self.actual, self.feed)
         return {
             "station_mm": self.station_mm,
             "kv_per_s": self.kv,
             "feed_mm_min": 60e3 * self.feed,
-            "overshoot_percent": 100.0 * max(float(self.actual.max()) / self.feed - 1.0, 0.0),
-            "rise_time_ms": 1e3 * (reached[1] - reached[0]),
+            "overshoot_percent": 100.0 * figures.overshoot,
+            "rise_time_ms": 1e3 * figures.rise_time,
+            "settling_time_ms": 1e3 * figures.settling_time,
             "speed_at_end_mm_s": 1e3 * float(self.actual[-1]),
         }
-
-    @property
-    def _top(self) -> int:
-        return int(np.argmax(self.actual))
 
 
 def velocity_step(lab: Lab, station_mm: float, feed_mm_min: float, kv: float) -> VelocityStep:

@@ -74,7 +74,7 @@ class Recomputed:
 
 
 def recomputed(trial: Trial) -> list[Recomputed]:
-    """The judged lines and full circles of a run, in order; only cycles with setpoint and tool on the same element."""
+    """The judged lines and full circles of a run, in order; cycles with setpoint and tool on one line or circle."""
     return [
         _line(trial, index, element) if isinstance(element, Line) else _circle(trial, index, element)
         for index in trial.evaluation.summaries
@@ -87,7 +87,7 @@ def _gains(trial: Trial) -> Array:
 
 
 def _cycles(trial: Trial, index: int, element: Line | Arc) -> NDArray[np.intp]:
-    """Cycles in which the foot is on the judged part of the element, and the setpoint on the element and moving."""
+    """Cycles with the foot on the judged part of the element, and the setpoint moving on its line or circle."""
     cycles = trial.cycles_of(index)
     start, end = judged_range(element, trial.evaluation.starts[index])
     feet = np.array([trial.evaluation.errors[cycle].path_length for cycle in cycles])
@@ -99,7 +99,7 @@ def _cycles(trial: Trial, index: int, element: Line | Arc) -> NDArray[np.intp]:
 
 
 def _is_on(element: Line | Arc, x: float, y: float, z: float) -> bool:
-    s = element.nearest((x, y, z), 0.0)
+    s = element.nearest((x, y, z), 0.5 * element.length)
     return 0.0 < s < element.length and math.dist(element.position(s), (x, y, z)) < 1e-12
 
 
@@ -200,7 +200,7 @@ def _entry(segment: Recomputed) -> dict[str, Any]:
     entry["feed_mm_min"] = 60e3 * element.feed
     for part, values in deviations.items():
         entry[f"{part}_mean_um"] = {name: UM * float(value.mean()) for name, value in values.items()}
-    for name in ("recorded", "velocity", "estimated", "actual velocity"):
+    for name in list(segment.first)[1:]:
         entry[f"{name.replace(' ', '_')}_largest_difference_pm"] = {
             part: PM * float(np.abs(values[name] - values["nearest"]).max())
             for part, values in deviations.items()
@@ -301,7 +301,7 @@ def _remarks(ratio: float | None, largest: float) -> list[str]:
     return [
         "Nearest: shortest distance from the programmed contour to the true TCP. Recorded: 5-21 and 5-26 from "
         "setpoint, its rate and recorded tracking error of the joints, through the controller's kinematics. Only "
-        "cycles with setpoint and tool on the same element count; of lines the middle half.",
+        "cycles with setpoint and tool on one line or circle count; of lines the middle half.",
         f"The largest difference between the two is {largest:.3g} pm. They part when the scales do not read the "
         "sliders, or when the actual geometry is not the controller's: joint signals cannot see that.",
         "Estimated: Delta-U = (dU_s/dt)/Kv (4-15), the lag at constant velocity. A linear drive lags by "

@@ -10,7 +10,7 @@ import numpy as np
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.experiments._monopod import STATIONS, monopod, require_reachable
-from pkm_cnc.experiments._velocity_gain import Array, Pass, passes, passes_program, require_root
+from pkm_cnc.experiments._velocity_gain import SETTLED, Array, Pass, passes, passes_program, require_root
 from pkm_cnc.experiments._velocity_step import VelocityStep, velocity_step
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab
 from pkm_cnc.parameters import parameter
@@ -236,7 +236,7 @@ def _tables(data: dict[str, Any]) -> list[Table]:
     ]
     forward = ["velocity_feed_forward", "direction", "x_from_mm", "x_to_mm", "kv_rel_deviation_from_1_mean"]
     forward += ["kv_rel_deviation_reduced_percent", "tracking_error_mean_mm", "tracking_error_reduced_percent"]
-    steps = ["station_mm", "kv_per_s", "overshoot_percent", "rise_time_ms", "speed_at_end_mm_s"]
+    steps = ["station_mm", "kv_per_s", "overshoot_percent", "rise_time_ms", "settling_time_ms", "speed_at_end_mm_s"]
     return [
         Table("Relative velocity gain K_V-rel", columns, gains),
         Table("Reversal", reversal_columns, [[entry[name] for name in reversal_columns] for entry in data["reversal"]]),
@@ -321,8 +321,8 @@ def _remarks(options: Options, reversals: Sequence[dict[str, Any]]) -> list[str]
         "Delta-u = (du_s/dt)/Kv (4-15), drawn where the TCP then is.",
         "With the setpoint's velocities instead (2-6) the gear ratio would be that at the setpoint, and + and -x "
         "change sides of 1.",
-        "Judged: from 6/Kv after the feed is reached till it is left. Mirror error: largest size of the sum of "
-        "K_V-rel - 1 in +x and in -x at the same actual position, by the largest size in +x.",
+        f"Judged: from {SETTLED:g}/Kv after the feed is reached till it is left. Mirror error: largest size of the sum "
+        "of K_V-rel - 1 in +x and in -x at the same actual position, by the largest size in +x.",
         f"Mean tracking error of the TCP at the same positions: {lags}. The estimate has the higher one on the other "
         "side, because it misses the part -(1/(2 Kv^2) + kappa) d2u/dt2 of the lag, which outweighs what it has.",
         f"Feed-forward: K_nV as given, balancing filter T_Gn {options.setpoint_delay:g} s, T_En "

@@ -14,7 +14,9 @@ from pkm_cnc.config import Setup
 from pkm_cnc.contour import line_report, star_program
 from pkm_cnc.experiments._law import drift, kappa
 from pkm_cnc.experiments._machine import place, points, require_plane, resting
+from pkm_cnc.experiments._traces import Trace, plan_panel, traces_of
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab
+from pkm_cnc.experiments.trial import Trial
 from pkm_cnc.parameters import parameter
 from pkm_cnc.program import Line
 from pkm_cnc.report.figure import Array, Curve, Figure, Panel, Table
@@ -75,6 +77,7 @@ class Star:
     """As `evaluate --json` has them."""
     mean: Judged
     law: Judged | None
+    traces: Sequence[Trace]
     zeros: Sequence[float] | None
     """Headings without error in the plane, deg; None where they were not looked for."""
     law_zeros: Sequence[float]
@@ -100,23 +103,20 @@ def _run(lab: Lab, options: Options) -> Findings:
 def _star(
     lab: Lab, setup: Setup, options: Options, pivot: tuple[float, float], feed: float, factor: float | None
 ) -> Star:
-    def run(headings: Sequence[float]) -> list[dict[str, Any]]:
+    def run(headings: Sequence[float]) -> Trial:
         text = star_program(feed, headings, pivot, options.length)
-        evaluation = lab.run(setup, text, f"star about {place(pivot)}").evaluation
-        return [
-            line_report(element, summary)
-            for index, summary in evaluation.summaries.items()
-            if isinstance(element := evaluation.elements[index], Line)
-        ]
+        return lab.run(setup, text, f"star about {place(pivot)}")
+
+    def judge(heading: float) -> float:
+        return float(_figure(_lines(run([heading])), "contour_error_um", "mean")[0])
 
     headings = sorted(set(options.headings))
-    lines = run(headings)
+    trial = run(headings)
+    lines = _lines(trial)
     mean = Judged(*(_figure(lines, key, "mean") for key in ("contour_error_um", "contour_error_z_um")))
     zeros = None
     if feed == options.feeds[0]:
-        zeros = _zeros(
-            headings, mean.left, lambda heading: float(_figure(run([heading]), "contour_error_um", "mean")[0])
-        )
+        zeros = _zeros(headings, mean.left, judge)
     law, law_zeros = None, []
     if factor is not None:
         scale = 1e6 * factor * (feed / 60e3) ** 2
@@ -126,7 +126,16 @@ def _star(
 
         law = Judged(*np.array([expected(heading) for heading in headings]).T)
         law_zeros = _zeros(headings, law.left, lambda heading: expected(heading)[0])
-    return Star(pivot, feed, np.array(headings), lines, mean, law, zeros, law_zeros)
+    return Star(pivot, feed, np.array(headings), lines, mean, law, traces_of(trial), zeros, law_zeros)
+
+
+def _lines(trial: Trial) -> list[dict[str, Any]]:
+    evaluation = trial.evaluation
+    return [
+        line_report(element, summary)
+        for index, summary in evaluation.summaries.items()
+        if isinstance(element := evaluation.elements[index], Line)
+    ]
 
 
 def _figure(lines: Sequence[dict[str, Any]], key: str, part: str) -> Array:
@@ -199,7 +208,17 @@ def _listed(headings: Sequence[float]) -> str:
 
 
 def _figures(setup: Setup, stars: Sequence[Star]) -> list[Figure]:
+    first = [star for star in stars if star.feed == stars[0].feed]
+    zero = setup.program_zero
     return [
+        Figure(
+            "star-plan",
+            f"Star test, {setup.machine_name}: actual paths at {first[0].feed:g} mm/min",
+            [plan_panel(star.traces, (zero[0], zero[1]), _pivot_name(star)) for star in first],
+            "Top view of the programmed lines and the actual paths over their middle halves, the distance magnified as "
+            "each title says.",
+            columns=min(len(first), 2),
+        ),
         _over_heading(setup, stars, "star-by-feed", "pivot", lambda star: star.pivot, _feed_name),
         _over_heading(setup, stars, "star-by-pivot", "feed", lambda star: star.feed, _pivot_name),
     ]

@@ -1,8 +1,8 @@
 """Kinematics: how the joints of a machine and its TCP move each other, one module per machine.
 
 A machine is one module `<name>.py` here with one public class `<Name>` that follows the `Machine` protocol; it is
-loaded by its name and nothing else needs an edit. No machines are `machine` (the protocol), `_pointwise` (arithmetic on
-single poses and arrays alike) and `_in_space` (poses in space for a machine that moves the TCP in a plane or a line).
+loaded by its name and nothing else needs an edit. No machines are `machine` (the protocol) and the modules with an
+underscore, which are what machines are made of.
 """
 
 import importlib
@@ -11,9 +11,16 @@ from typing import cast
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics._in_space import in_space
-from pkm_cnc.kinematics.machine import Machine, Motion, Violation
+from pkm_cnc.kinematics.machine import Machine, Motion, Violation, reached_rows
 
-__all__ = ["Machine", "Motion", "Violation", "in_space", "load_kinematics"]
+__all__ = ["Machine", "Motion", "Violation", "in_space", "load_kinematics", "machine_names", "reached_rows"]
+
+
+def machine_names() -> list[str]:
+    """The names of all machines there are, in alphabetical order."""
+    return sorted(
+        module.name for module in pkgutil.iter_modules(__path__) if module.name != "machine" and module.name[0] != "_"
+    )
 
 
 def load_kinematics(name: str) -> type[Machine]:
@@ -21,10 +28,7 @@ def load_kinematics(name: str) -> type[Machine]:
 
     Raises InputError, listing the machines there are, if there is none of that name.
     """
-    known = sorted(
-        module.name for module in pkgutil.iter_modules(__path__) if module.name != "machine" and module.name[0] != "_"
-    )
-    if name not in known:
-        raise InputError(f"kinematics: {name!r} is unknown; there are {', '.join(known)}")
+    if name not in machine_names():
+        raise InputError(f"kinematics: {name!r} is unknown; there are {', '.join(machine_names())}")
     module = importlib.import_module(f"{__name__}.{name}")
     return cast(type[Machine], getattr(module, name.capitalize()))

@@ -66,6 +66,8 @@ class _InSpace:
 
     def setpoint_motion(self, start: ArrayLike, period: float) -> Motion:
         motion = self._machine.setpoint_motion(self._own(start, *POSITION), period)
+        if motion == self._machine.motion:
+            return self.motion
 
         def in_space_motion(tcp: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> tuple[Array, Array, Array]:
             return motion(

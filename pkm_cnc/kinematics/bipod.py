@@ -169,9 +169,9 @@ class Bipod:
         rows = np.array(start, dtype=float).reshape(-1, 2)
         with np.errstate(all="ignore"):  # rows that do not converge are refused next
             poses, failed = self._iterate(sliders.reshape(-1, 2).T, rows.T)
-        if found := self.joint_violations(sliders):
-            raise unreachable(found)
         if failed.size:
+            if found := self.joint_violations(sliders):
+                raise unreachable(found)
             where = "" if sliders.ndim == 1 else f"row {failed[0]}: "
             x, y = (1e3 * rows[failed[0]]).tolist()
             raise UnreachableError(

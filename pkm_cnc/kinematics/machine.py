@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc.errors import UnreachableError
 
-__all__ = ["Array", "Machine", "Motion", "Segment", "Violation", "unreachable"]
+__all__ = ["Array", "Machine", "Motion", "Segment", "Violation", "reached_rows", "unreachable"]
 
 Array = NDArray[np.float64]
 
@@ -41,6 +41,23 @@ def unreachable(violations: Sequence[Violation]) -> UnreachableError:
     """The one-line error for `violations` (at least one): the first in words, the number of the others."""
     others = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""
     return UnreachableError(f"{violations[0]}{others}")
+
+
+def reached_rows(function: Callable[..., Array], *tables: Array) -> tuple[Array, UnreachableError | None]:
+    """The rows of `function(*tables)` up to the first that it refuses, and that refusal, which then names no row.
+
+    A function that goes on where it ended must not do so after a refusal (`Machine.setpoint_motion`).
+    """
+    try:
+        return function(*tables), None
+    except UnreachableError:
+        rows: list[Array] = []
+        for row in zip(*tables, strict=True):
+            try:
+                rows.append(function(*row))
+            except UnreachableError as error:
+                return np.array(rows), error
+        raise
 
 
 class Machine(Protocol):
@@ -101,7 +118,7 @@ class Machine(Protocol):
         """`motion` for the setpoints of successive cycles, `period` s apart, from rest at `start` (3,); one a run.
 
         It is `motion` itself but for a redundant machine that divides the motion by what came before. Each call goes on
-        where the last one ended; how many cycles are in a call changes nothing.
+        where the last one ended; how many cycles are in a call changes nothing. A call that raises changes nothing.
         """
 
     def violations(self, tcp: ArrayLike) -> list[Violation]:
@@ -111,7 +128,10 @@ class Machine(Protocol):
         """Why joint coordinates cannot be used, by row: all that `forward` refuses. Empty: all can."""
 
     def reciprocal_condition(self, tcp: ArrayLike) -> Array:
-        """Reciprocal condition number (...) of J in the 2-norm: 1 isotropic, 0 singular. Raises UnreachableError."""
+        """Reciprocal condition number (...) of J in the 2-norm: 1 isotropic, 0 singular. Raises UnreachableError.
+
+        Of a redundant machine that of the part that can be singular; it says of which.
+        """
 
     def sketch(self, joints: ArrayLike, tcp: ArrayLike) -> list[Segment]:
         """The machine as named lines, for one pose: `joints` (n,) and `tcp` (3,) are drawn as given, unchecked."""

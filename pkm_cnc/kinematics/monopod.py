@@ -36,7 +36,7 @@ square root of Lambda^2 - U^2 c^2, so it never leaves the side of the slider on 
 Singularities. The matrix J has one element, so its condition is 1; what can fail is its value.
 - a = 0, J = 0: the dead point. The strut stands across the x axis, the slider is at the end of its way, and the TCP is
   not held. Beyond it the same u belongs to the TCP on the other side, which is another assembly branch and refused.
-- h = 0, J without bound: the strut stands across the slider's guide; the border of the workspace.
+- h = 0, J without bound: the strut stands across the slider's guide, at the border of the workspace.
 """
 
 from __future__ import annotations
@@ -329,11 +329,10 @@ class Monopod:
             )
             return Violation(row, "x", abs(a), reason)
         ratio = abs(a / h)
-        if tolerances.SINGULAR < ratio < 1.0 / tolerances.SINGULAR:
+        if ratio > tolerances.SINGULAR:
             return None
-        what = "dead point" if ratio < 1.0 else "the strut stands across the slider's guide"
-        reason = f"strut u: singular pose: {what}, gear ratio {ratio:.3g}"
-        return Violation(row, "u", tolerances.SINGULAR - min(ratio, 1.0 / ratio), reason)
+        reason = f"strut u: singular pose: dead point, gear ratio {ratio:.3g} is below {tolerances.SINGULAR:g}"
+        return Violation(row, "u", tolerances.SINGULAR - ratio, reason)
 
     def _joint_violation(self, row: int, u: float) -> Violation | None:
         slider, length = u + self._du, self.strut_length

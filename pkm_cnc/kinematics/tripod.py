@@ -75,14 +75,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc import tolerances
 from pkm_cnc.errors import InputError, UnreachableError
+from pkm_cnc.kinematics._newton import newton
 from pkm_cnc.kinematics._pointwise import Component, everywhere, pointwise, square_root
+from pkm_cnc.kinematics._refusals import by_row, not_finite, refuse_rates
 from pkm_cnc.kinematics.machine import Array, Motion, Segment, Violation, unreachable
 from pkm_cnc.parameters import parameter, read_section
 
 __all__ = ["Tripod", "TripodGeometry"]
-
-NEWTON_STEPS = 60
-"""A far step halves the distance to the root, a near one squares its relative error: enough from 1e15 m away."""
 
 Components = Sequence[Component]
 
@@ -231,7 +230,7 @@ class Tripod:
         """Why poses `tcp` (..., 3) cannot be used: not finite, a strut too short, wrong branch, singular; by row."""
         poses = np.asarray(tcp, dtype=float)
         rows = poses.reshape(-1, 3)
-        found = _not_finite(rows, self.coordinates)
+        found = not_finite(rows, self.coordinates)
         finite = np.isfinite(rows).all(axis=1)
         with np.errstate(all="ignore"):
             x, y, _ = rows.T
@@ -258,13 +257,13 @@ class Tripod:
                     f"{tolerances.SINGULAR:g}, this strut lies most horizontal, {1e3 * heights[row, strut]:.4g} mm high"
                 )
                 found.append(Violation(row, self.axes[strut], tolerances.SINGULAR - ratio, reason))
-        return _by_row(found, single=poses.ndim == 1)
+        return by_row(found, single=poses.ndim == 1)
 
     def joint_violations(self, joints: ArrayLike) -> list[Violation]:
         """Why sliders `joints` (..., 3) cannot be used: not finite, struts do not meet, wrong branch; by row."""
         sliders = np.asarray(joints, dtype=float)
         rows = sliders.reshape(-1, 3)
-        found = _not_finite(rows, self.axes)
+        found = not_finite(rows, self.axes)
         finite = np.isfinite(rows).all(axis=1)
         with np.errstate(all="ignore"):
             meeting = self._meeting(*rows.T)
@@ -278,7 +277,7 @@ class Tripod:
             axis, excess = self.axes[strut], float(above[row, strut])
             reason = f"slider {axis}: wrong assembly branch: it would be {1e3 * excess:.4g} mm below the platform"
             found.append(Violation(row, axis, excess, reason))
-        return _by_row(found, single=sliders.ndim == 1)
+        return by_row(found, single=sliders.ndim == 1)
 
     def reciprocal_condition(self, tcp: ArrayLike) -> Array:
         """Reciprocal condition number (...) of J in the 2-norm: 1 isotropic, 0 singular. Raises UnreachableError."""
@@ -378,12 +377,8 @@ class Tripod:
         return tuple([((c.x - x) / h, (c.y - y) / h, h / h) for c, h in zip(self._spheres, heights, strict=True)])
 
     def _motion(self, pose: Components, velocity: Components, acceleration: Components) -> tuple[Components, ...]:
+        refuse_rates(self.coordinates, velocity, acceleration)
         (x, y, z), (vx, vy, vz), (ax, ay, az) = pose, velocity, acceleration
-        total = vx + vy + vz + ax + ay + az
-        if not everywhere(total - total == 0.0):  # fails for NaN and infinity
-            rates = np.stack((vx, vy, vz, ax, ay, az), axis=-1)
-            found = _not_finite(rates.reshape(-1, 6), ("vx", "vy", "vz", "ax", "ay", "az"))
-            raise unreachable(_by_row(found, single=rates.ndim == 1))
         position, speed, rate = [], [], []
         for c, h in zip(self._spheres, self._heights(pose), strict=True):
             dx, dy = x - c.x, y - c.y
@@ -431,18 +426,13 @@ class Tripod:
         first = self._spheres[0]
         base = sliders[0] + first.z
         tops = np.stack([u - sliders[0] + (c.z - first.z) for u, c in zip(sliders, self._spheres, strict=True)])
-        poses = np.stack((start[0], start[1], start[2] - base))
-        active = np.arange(base.size)
-        for _ in range(NEWTON_STEPS):
-            step = self._newton_step(poses[:, active], tops[:, active])
-            poses[:, active] -= step
-            length = np.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
-            active = active[~(length < tolerances.NEWTON)]
-            if not active.size:
-                break
+        poses, unfinished = newton(
+            lambda pose, rows: self._newton_step(pose, tops[:, rows]),
+            np.stack((start[0], start[1], start[2] - base)),
+        )
         heights = tops - poses[2]
         right = (heights > 0.0).all(axis=0) & (self._clearance(poses[0], poses[1], heights) > 0.0)
-        right[active] = False
+        right[unfinished] = False
         poses[2] += base
         return poses, np.flatnonzero(~right)
 
@@ -527,16 +517,3 @@ def _inverted(rows: Sequence[Components]) -> tuple[Components, ...]:
 
 def _cross(a: Components, b: Components) -> Components:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _not_finite(rows: Array, names: tuple[str, ...]) -> list[Violation]:
-    return [
-        Violation(row, names[column], math.nan, f"{names[column]}: {rows[row, column]} is not a finite number")
-        for row, column in np.argwhere(~np.isfinite(rows)).tolist()
-    ]
-
-
-def _by_row(violations: list[Violation], *, single: bool) -> list[Violation]:
-    if single:
-        return [violation._replace(row=None) for violation in violations]
-    return sorted(violations, key=lambda violation: violation.row or 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pkm_cnc.errors import MachineFault, UnreachableError
 from pkm_cnc.nodes.graph_node import GraphNode
 from pkm_cnc.nodes.runner import run_node
 from pkm_cnc.topics import INVERSE_KINEMATICS
@@ -22,7 +23,10 @@ class InverseKinematicsNode(GraphNode):
     def step(self, cycle: int, inputs: list[tuple[Any, ...]]) -> None:
         """Transform one setpoint."""
         tcp = inputs[0]
-        motion = self._motion(tcp[0:3], tcp[3:6], tcp[6:9])
+        try:
+            motion = self._motion(tcp[0:3], tcp[3:6], tcp[6:9])
+        except UnreachableError as error:
+            raise MachineFault(f"cycle {cycle}: {error}") from None
         for name, setpoint in zip(self._names, zip(*(part.tolist() for part in motion), strict=True), strict=True):
             self.publish(name, cycle, setpoint)
 

@@ -4,25 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Literal
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, MultipleLocator
-from numpy.typing import NDArray
+from matplotlib.ticker import MaxNLocator
 
 from pkm_cnc.contour import CirclePath, extrema
 from pkm_cnc.evaluation import Evaluation
-from pkm_cnc.report.drawing import FIRST, PROGRAMMED, SECOND, legend_below, new_figure, note, plan_view, round_scale
+from pkm_cnc.report.figure import Array, Curve, Figure, Note, Panel, round_scale
 from pkm_cnc.tolerances import ARC_RADII
 
-__all__ = ["circle_figure", "circle_tests"]
-
-Array = NDArray[np.floating[Any]]
+__all__ = ["circle_figure", "circle_plan", "circle_tests"]
 
 ROOM = 0.6
 """Of the radius: how far the largest radial deviation is drawn from the programmed circle at most."""
+Role = Literal["data", "programmed", "scale"]
 FULL_TURN = np.linspace(0.0, math.tau, 721)
 
 
@@ -44,62 +40,58 @@ def circle_tests(evaluation: Evaluation) -> list[list[CirclePath]]:
     return found
 
 
-def circle_figure(evaluation: Evaluation, paths: Sequence[CirclePath]) -> Figure:
-    """Draw one circular test."""
+def circle_figure(evaluation: Evaluation, paths: Sequence[CirclePath], name: str) -> Figure:
+    """One circular test: plan view with the radial deviation magnified, the deviation over the actual angle."""
     arc = paths[0].arc
     x, y, z = (1e3 * value for value in arc.center)
-    figure = new_figure(
-        12.0,
-        6.2,
+    plan = circle_plan(paths)
+    return Figure(
+        name,
         f"Circular test, {evaluation.machine}: R {1e3 * arc.radius:.3f} mm, {60e3 * arc.feed:g} mm/min, "
         f"centre x {x:.3f}, y {y:.3f}, z {z:.3f} mm",
+        [plan, _over_angle(paths)],
+        f"{plan.title}. dR = programmed - actual radius, by the actual angle about the programmed centre; points mark "
+        "its local maxima.",
+        columns=2,
     )
-    grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.05))
-    _draw_plan(figure.add_subplot(grid[0, 0]), paths)
-    _draw_over_angle(figure.add_subplot(grid[0, 1]), paths)
-    return figure
 
 
-def _kind(path: CirclePath) -> dict[str, Any]:
-    """Line style, and the direction for the legend."""
-    return {**FIRST, "label": "counter-clockwise"} if path.arc.sweep > 0.0 else {**SECOND, "label": "clockwise"}
-
-
-def _mark(path: CirclePath) -> dict[str, Any]:
-    counter_clockwise = path.arc.sweep > 0.0
-    style = FIRST if counter_clockwise else SECOND
-    face = style["color"] if counter_clockwise else "white"
-    marker = "^" if counter_clockwise else "v"
-    return {"linestyle": "none", "color": style["color"], "marker": marker, "markerfacecolor": face, "zorder": 4}
-
-
-def _draw_plan(axes: Axes, paths: Sequence[CirclePath]) -> None:
+def circle_plan(paths: Sequence[CirclePath]) -> Panel:
+    """The actual paths in plan view, their distance to the programmed circle magnified to a round scale."""
     arc = paths[0].arc
     largest = max(float(np.abs(path.deviation).max()) for path in paths)
     scale = round_scale(largest, ROOM * arc.radius)
-    plan_view(axes, f"Actual path, its distance to the programmed circle magnified {scale:.10g}:1")
-    axes.grid(False)
 
-    def draw(angle: Array, deviation: Array, **kind: Any) -> None:
+    def curve(name: str, angle: Array, deviation: Array, points: bool = False, role: Role = "data") -> Curve:
         radius = 1e3 * (arc.radius - scale * deviation)
-        axes.plot(1e3 * arc.center[0] + radius * np.cos(angle), 1e3 * arc.center[1] + radius * np.sin(angle), **kind)
+        x, y = 1e3 * arc.center[0] + radius * np.cos(angle), 1e3 * arc.center[1] + radius * np.sin(angle)
+        return Curve(name, x, y, "points" if points else "line", role)
 
-    draw(FULL_TURN, 0.0 * FULL_TURN, **PROGRAMMED, label="programmed")
-    lowest, highest = (1e6 * bound for bound in _bounds(paths))
-    for deviation in MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(min(lowest, 0.0), max(highest, 0.0)):
-        if deviation and scale * 1e-6 * deviation < 0.9 * arc.radius:
-            draw(FULL_TURN, 0.0 * FULL_TURN + 1e-6 * deviation, color="0.75", linewidth=0.6, linestyle=":")
-            radius = 1e3 * (arc.radius - scale * 1e-6 * deviation) / math.sqrt(2.0)
-            note(axes, 1e3 * arc.center[0] + radius, 1e3 * arc.center[1] - radius, f"{deviation:g} um")
+    curves = [curve("programmed", FULL_TURN, 0.0 * FULL_TURN, role="programmed")]
+    notes = []
+    for ring in _rings(paths):
+        if scale * 1e-6 * ring < 0.9 * arc.radius:
+            curves.append(curve("", FULL_TURN, 0.0 * FULL_TURN + 1e-6 * ring, role="scale"))
+            radius = 1e3 * (arc.radius - scale * 1e-6 * ring) / math.sqrt(2.0)
+            notes.append(Note(1e3 * arc.center[0] + radius, 1e3 * arc.center[1] - radius, f"{ring:g} um"))
     for path in paths:
-        draw(path.angle, path.deviation, **_kind(path))
+        curves.append(curve(_direction(path), path.angle, path.deviation))
         tops = np.array(extrema(path))
-        draw(tops, _deviation(path, tops), **_mark(path))
-    legend_below(axes, 3)
+        curves.append(curve("", tops, _deviation(path, tops), points=True))
+    title = f"Actual path, its distance to the programmed circle magnified {scale:.10g}:1"
+    return Panel(title, "x (mm)", "y (mm)", curves, notes=notes, equal=True)
 
 
-def _bounds(paths: Sequence[CirclePath]) -> tuple[float, float]:
-    return min(float(path.deviation.min()) for path in paths), max(float(path.deviation.max()) for path in paths)
+def _direction(path: CirclePath) -> str:
+    return "counter-clockwise" if path.arc.sweep > 0.0 else "clockwise"
+
+
+def _rings(paths: Sequence[CirclePath]) -> list[float]:
+    """Round radial deviations, um, for circles that tell the scale."""
+    lowest = 1e6 * min(float(path.deviation.min()) for path in paths)
+    highest = 1e6 * max(float(path.deviation.max()) for path in paths)
+    values = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(min(lowest, 0.0), max(highest, 0.0))
+    return [float(value) for value in values if value]
 
 
 def _deviation(path: CirclePath, angle: Array) -> Array:
@@ -108,21 +100,19 @@ def _deviation(path: CirclePath, angle: Array) -> Array:
     return np.asarray(np.interp(angle, grid, path.by_angle, period=math.tau), dtype=np.float64)
 
 
-def _draw_over_angle(axes: Axes, paths: Sequence[CirclePath]) -> None:
-    axes.set_title("Radial deviation (+ = the circle came out too small)")
-    axes.set_xlabel("actual angle about the programmed centre (deg)")
-    axes.set_ylabel("dR (um)")
+def _over_angle(paths: Sequence[CirclePath]) -> Panel:
+    curves, notes = [], []
     for path in paths:
         order = np.argsort(path.angle)
-        axes.plot(np.degrees(path.angle[order]), 1e6 * path.deviation[order], **_kind(path))
+        curves.append(Curve(_direction(path), np.degrees(path.angle[order]), 1e6 * path.deviation[order]))
         tops = np.array(extrema(path))
-        numbers = ", ".join(f"{angle:.2f}" for angle in sorted(np.degrees(tops)))
-        axes.plot(
-            np.degrees(tops),
-            1e6 * _deviation(path, tops),
-            **_mark(path),
-            label=f"maxima at {numbers or 'no angle'} deg",
-        )
-    axes.set_xlim(0.0, 360.0)
-    axes.xaxis.set_major_locator(MultipleLocator(45.0))
-    legend_below(axes, 2)
+        heights = 1e6 * _deviation(path, tops)
+        curves.append(Curve("", np.degrees(tops), heights, kind="points"))
+        room = 0.05 * 1e6 * max(float(np.ptp(path.deviation)), 1e-12)
+        side = 1.0 if path.arc.sweep > 0.0 else -1.0
+        notes += [
+            Note(math.degrees(angle), float(height) + side * room, f"{math.degrees(angle):.2f}\N{DEGREE SIGN}")
+            for angle, height in zip(tops, heights, strict=True)
+        ]
+    title = "Radial deviation (+ = the circle came out too small)"
+    return Panel(title, "actual angle about the programmed centre (deg)", "dR (um)", curves, notes=notes, x_step=45.0)

@@ -5,6 +5,7 @@ Everything is in the reader's units, which every label names: "contour error (um
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -12,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Curve", "Figure", "Map", "Note", "Panel", "Table"]
+__all__ = ["Array", "Curve", "Figure", "Map", "Note", "Panel", "Table", "round_scale"]
 
 Array = NDArray[np.floating[Any]]
 
@@ -21,16 +22,17 @@ Array = NDArray[np.floating[Any]]
 class Curve:
     """Points (x, y), shape (n,) each, NaN = a gap.
 
-    `role`: "programmed" is what the others are compared with, drawn thin and grey; all others take the next look, told
-    apart by tone, dashes and markers as well as by colour. Curves of one panel with the same `name` share look and
-    legend entry; an empty name is not in the legend and takes the look of the curve before it.
+    `role`: "programmed" is what the others are compared with, drawn thin and grey, "scale" a line that tells a value,
+    drawn dotted; all others take the next look, told apart by tone, dashes and markers as well as by colour. Curves of
+    one figure with the same `name` share look and legend entry; an empty name is not in the legend and takes the look
+    of the curve before it.
     """
 
     name: str
     x: Array
     y: Array
     kind: Literal["line", "points", "line and points"] = "line"
-    role: Literal["data", "programmed"] = "data"
+    role: Literal["data", "programmed", "scale"] = "data"
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,8 @@ class Panel:
     map: Map | None = None
     notes: Sequence[Note] = ()
     equal: bool = False
+    x_step: float | None = None
+    """Distance of the numbers on the x axis; None = round ones that fit."""
 
 
 @dataclass(frozen=True)
@@ -87,3 +91,15 @@ class Table:
     title: str
     columns: Sequence[str]
     rows: Sequence[Sequence[str | float | None]]
+
+
+LARGEST_SCALE = 1e6
+"""1. Largest magnification: 1 nm drawn as 1 mm. What is smaller than that is rounding."""
+
+
+def round_scale(largest: float, room: float) -> float:
+    """The largest of 1, 2, 5, 10, ... by which `largest` may be magnified to fit into `room` (same unit)."""
+    if not largest * LARGEST_SCALE > room:
+        return LARGEST_SCALE
+    decade = 10.0 ** math.floor(math.log10(room / largest))
+    return max(factor * decade for factor in (1.0, 2.0, 5.0) if factor * decade <= room / largest * (1.0 + 1e-9))

@@ -1,12 +1,13 @@
-"""The evaluation of a run as a table for a terminal."""
+"""The evaluation of a run as tables."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from pkm_cnc.evaluation import Evaluation
+from pkm_cnc.report.figure import Table
 
-__all__ = ["table"]
+__all__ = ["run_headline", "run_remarks", "run_tables"]
 
 CONTOUR_ERROR = [
     ("left_mean_um", "contour_error_um.mean", "{:+.3f}"),
@@ -58,31 +59,34 @@ CIRCLE_LEGEND = (
 )
 
 
-def table(evaluation: Evaluation) -> str:
-    """The evaluated segments as text, one table per kind; every column carries its unit."""
+def run_tables(evaluation: Evaluation) -> list[Table]:
+    """The evaluated segments, one table per kind; every column carries its unit."""
     entries = evaluation.segments()
+    return [
+        Table(
+            title,
+            [name for name, _, _ in columns],
+            [[_cell(row, path, form) for _, path, form in columns] for row in rows],
+        )
+        for kind, title, columns in GROUPS
+        if (rows := [entry for entry in entries if entry["kind"] == kind])
+    ]
+
+
+def run_remarks(evaluation: Evaluation) -> list[str]:
+    """What the column names of `run_tables` mean."""
+    kinds = {entry["kind"] for entry in evaluation.segments()}
+    return [
+        *([CONTOUR_ERROR_LEGEND] if kinds & {"line", "arc"} else []),
+        *([CIRCLE_LEGEND] if "circle" in kinds else []),
+        *([] if kinds else ["no evaluated segment was run"]),
+    ]
+
+
+def run_headline(evaluation: Evaluation) -> str:
+    """Program, machine, length of the run."""
     seconds = len(evaluation.errors) * evaluation.servo_period
-    parts = [f"{evaluation.program_name} on {evaluation.machine}: {len(evaluation.errors)} cycles, {seconds:.3f} s"]
-    for kind, title, columns in GROUPS:
-        rows = [entry for entry in entries if entry["kind"] == kind]
-        if rows:
-            parts.append(f"{title}\n{_aligned(columns, rows)}")
-    kinds = {entry["kind"] for entry in entries}
-    if kinds & {"line", "arc"}:
-        parts.append(CONTOUR_ERROR_LEGEND)
-    if kinds & {"circle"}:
-        parts.append(CIRCLE_LEGEND)
-    if not entries:
-        parts.append("no evaluated segment was run")
-    return "\n\n".join(parts)
-
-
-def _aligned(columns: list[tuple[str, str, str]], rows: list[dict[str, Any]]) -> str:
-    cells = [[name for name, _, _ in columns]]
-    cells += [[_cell(row, path, form) for _, path, form in columns] for row in rows]
-    widths = [max(len(line[place]) for line in cells) for place in range(len(columns))]
-    lines = ["  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)) for line in cells]
-    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])
+    return f"{evaluation.program_name} on {evaluation.machine}: {len(evaluation.errors)} cycles, {seconds:.3f} s"
 
 
 def _cell(row: dict[str, Any], path: str, form: str) -> str:

@@ -50,6 +50,11 @@ class Controller(NamedTuple):
         return self.C @ states + self.D * error, self.A @ states + np.outer(self.B, error)
 
 
+def _check_not_negative(name: str, value: float) -> None:
+    if not 0.0 <= value < math.inf:
+        raise InputError(f"PID {name}: {value} is not a finite number of 0 or more")
+
+
 class SampledPid(NamedTuple):
     """One period of a PID controller, e = e[k]:
 
@@ -78,10 +83,8 @@ class PidGains:
     """s."""
 
     def __post_init__(self) -> None:
-        for name in ("proportional", "integral", "derivative", "filter_time"):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise InputError(f"PID {name}: {value} is not a finite number of 0 or more")
+        for name, value in vars(self).items():
+            _check_not_negative(name, value)
         if self.derivative > 0.0 and self.filter_time == 0.0:
             raise InputError("PID filter_time: 0 s given; a derivative part needs a filter time above 0 s")
 
@@ -133,9 +136,7 @@ class Pid:
         if not self.integral_time > 0.0:
             raise InputError(f"PID integral_time: {self.integral_time} is not above 0; inf is no integral action")
         for name in ("gain", "derivative_time", "filter_time"):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise InputError(f"PID {name}: {value} is not a finite number of 0 or more")
+            _check_not_negative(name, getattr(self, name))
         _ = self.gains  # refuses a derivative without a filter
 
     @property

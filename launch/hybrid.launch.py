@@ -1,0 +1,13 @@
+"""The hybrid machine as a ROS graph, one process per node.
+
+ros2 launch pkm_cnc hybrid.launch.py program:=FILE.ngc bag:=FOLDER [pacing:=realtime] [parameters:=FILE.yaml]
+"""
+
+from launch import LaunchDescription
+
+from pkm_cnc.bringup.launch_file import launch_description
+
+
+def generate_launch_description() -> LaunchDescription:
+    """What `ros2 launch` asks for."""
+    return launch_description("hybrid")

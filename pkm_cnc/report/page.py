@@ -1,0 +1,154 @@
+"""One self-contained page: the question, the answer in tables and pictures, what it was made with.
+
+The page opens without a network; on paper it shows the SVG pictures in the place of those that move.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from pkm_cnc import __version__
+from pkm_cnc.report import paper, screen
+from pkm_cnc.report.figure import Figure, Table
+from pkm_cnc.report.files import write_whole
+from pkm_cnc.report.text import cell, numeric_columns
+
+__all__ = ["Page", "write_page"]
+
+
+@dataclass(frozen=True)
+class Page:
+    """What a page says, in this order; texts are plain, not HTML."""
+
+    title: str
+    question: str
+    command: str
+    """The command that made it."""
+    tables: Sequence[Table]
+    figures: Sequence[Figure]
+    remarks: Sequence[str] = ()
+    parameters: Sequence[Table] = ()
+    """What it was made with, folded below everything else."""
+    links: Sequence[tuple[str, str]] = ()
+    """Text and relative address of pages that belong to it."""
+    data: dict[str, Any] | None = None
+    """Written beside the page as data.json, for scripts."""
+
+
+def write_page(folder: Path, page: Page) -> list[Path]:
+    """Write index.html, each figure as NAME.svg and NAME.png and the data to `folder`, made if it does not exist.
+
+    Each file appears whole or not at all, index.html last; equal pages give equal files. Returns their paths.
+    Raises InputError where `folder` cannot be written.
+    """
+    drawn = [(figure, paper.svg(figure)) for figure in page.figures]
+    files = [(f"{figure.name}.{kind}", content) for figure, svg in drawn for kind, content in _pictures(figure, svg)]
+    if page.data is not None:
+        files.append(("data.json", (json.dumps(page.data, allow_nan=False, indent=1) + "\n").encode()))
+    files.append(("index.html", _html(page, drawn).encode()))
+    return [write_whole(folder / name, content) for name, content in files]
+
+
+def _pictures(figure: Figure, svg: bytes) -> Iterable[tuple[str, bytes]]:
+    return ("svg", svg), ("png", paper.png(figure))
+
+
+def _html(page: Page, drawn: Sequence[tuple[Figure, bytes]]) -> str:
+    links = "".join(f'<li><a href="{escape(address)}">{escape(text)}</a></li>' for text, address in page.links)
+    return _PAGE.substitute(
+        title=escape(page.title),
+        question=escape(page.question),
+        tables="".join(map(_table, page.tables)),
+        remarks="".join(f"<p>{escape(remark)}</p>" for remark in page.remarks),
+        links=f"<ul>{links}</ul>" if links else "",
+        figures="".join(_figure(figure, svg) for figure, svg in drawn),
+        parameters="".join(map(_table, page.parameters)),
+        command=escape(page.command),
+        version=escape(__version__),
+        script=f"<script>{screen.script()}</script>" if drawn else "",
+    )
+
+
+def _figure(figure: Figure, svg: bytes) -> str:
+    name = escape(figure.name)
+    return (
+        f'<figure><div class="screen">{screen.picture(figure, f"figure-{figure.name}")}</div>'
+        f'<img class="paper" alt="{escape(figure.title)}"'
+        f' src="data:image/svg+xml;base64,{base64.b64encode(svg).decode()}">'
+        f"<figcaption><b>{escape(figure.title)}.</b> {escape(figure.caption)} "
+        f'<span class="files">Files: <a href="{name}.svg">{name}.svg</a>, <a href="{name}.png">{name}.png</a></span>'
+        "</figcaption></figure>"
+    )
+
+
+def _table(table: Table) -> str:
+    kinds = [' class="number"' if right else "" for right in numeric_columns(table)]
+    head = "".join(f"<th{kind}>{escape(name)}</th>" for kind, name in zip(kinds, table.columns, strict=True))
+    rows = "".join(
+        "<tr>"
+        + "".join(f"<td{kind}>{escape(cell(value))}</td>" for kind, value in zip(kinds, row, strict=True))
+        + "</tr>"
+        for row in table.rows
+    )
+    return (
+        f'<div class="table"><table><caption>{escape(table.title)}</caption>'
+        f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+
+
+_PAGE = Template("""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,">
+<title>$title</title>
+<style>
+body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 1100px; margin: 0 auto; padding: 1rem; }
+h1 { font-size: 1.6rem; line-height: 1.25; margin: 0.5rem 0; }
+.question { font-size: 1.1rem; color: #333; max-width: 48rem; }
+.table { overflow-x: auto; margin: 1.2rem 0; }
+table { border-collapse: collapse; font-size: 0.9rem; font-variant-numeric: tabular-nums; }
+caption { text-align: left; font-weight: 600; padding: 0.3rem 0; white-space: nowrap; }
+th, td { padding: 0.2rem 0.7rem; text-align: left; vertical-align: top; border-bottom: 1px solid #ddd; }
+th { border-bottom: 2px solid #555; }
+.number { text-align: right; white-space: nowrap; }
+figure { margin: 2rem 0; }
+figcaption { font-size: 0.9rem; color: #333; max-width: 52rem; }
+.files { color: #666; }
+.paper { display: none; width: 100%; }
+code { background: #f2f2f2; padding: 0.1rem 0.3rem; overflow-wrap: anywhere; }
+details { margin: 1.5rem 0; }
+summary { cursor: pointer; font-weight: 600; }
+footer { border-top: 1px solid #ddd; margin-top: 2rem; padding-top: 0.5rem; font-size: 0.9rem; color: #333; }
+@media print {
+  body { max-width: none; font-size: 11pt; padding: 0; }
+  .screen, .files { display: none; }
+  .paper { display: block; max-height: 22cm; object-fit: contain; object-position: left; }
+  figure { break-inside: avoid; }
+  .table { overflow: visible; }
+}
+</style>
+$script
+</head>
+<body>
+<h1>$title</h1>
+<p class="question">$question</p>
+$tables
+$remarks
+$links
+$figures
+<details><summary>Parameters</summary>
+$parameters
+</details>
+<footer><p>Made by <code>$command</code> (pkm_cnc $version)</p></footer>
+</body>
+</html>
+""")
