@@ -123,17 +123,23 @@ def _small(tell: Any) -> Reproduction:
 def test_command(tmp_path: Path) -> None:
     with (
         mock.patch("pkm_cnc.reproduction.reproduce", _small),
-        mock.patch("pkm_cnc.reproduction.document.CHAPTERS", {"2 Title": CLAIMS[:1]}),
+        mock.patch("pkm_cnc.reproduction.run.CHAPTERS", {"2 Title": CLAIMS[:1]}),
     ):
         text = done("reproduce")
-        printed = json.loads(done("reproduce", "--json", "--report", tmp_path / "pages"))
+        printed = json.loads(done("reproduce", "--json"))
+        told = done("reproduce", "--report", tmp_path / "pages")
     assert "CONTRADICTED" in text
     assert "3 um (because)" in text
     assert text.rstrip().endswith("1 claims: 0 reproduced, 1 contradicted, 0 not checkable")
     assert printed["counts"] == {"reproduced": 0, "contradicted": 1, "not checkable": 0}
     assert printed["claims"][0]["reason"] == "because"
     assert printed["experiments"] == {"step": {"x_um": 1.0}}
+    assert told.splitlines()[-1] == f"report {tmp_path / 'pages' / 'index.html'}"
     assert json.loads((tmp_path / "pages" / "data.json").read_text()) == printed
+    page = (tmp_path / "pages" / "index.html").read_text()
+    assert "2 Title" in page
+    assert 'href="step/index.html"' in page
+    assert (tmp_path / "pages" / "step" / "index.html").exists()
 
 
 def test_a_report_that_cannot_be_written_is_refused_at_once(tmp_path: Path) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
-from pkm_cnc.cli.arguments import write_text
 from pkm_cnc.cli.progress import bar
 from pkm_cnc.errors import InputError
 
@@ -29,16 +29,21 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _reproduce(arguments: argparse.Namespace) -> None:
-    from pkm_cnc.reproduction import reproduce, text  # half a second of imports that no other command needs
+    from pkm_cnc.reproduction import (
+        reproduce,
+        text,
+        write_pages,
+    )  # half a second of imports that no other command needs
 
     if arguments.report:
         _make(Path(arguments.report))
     with bar("reproduce") as tell:
         reproduction = reproduce(tell)
-    found = reproduction.to_json()
+    print(json.dumps(reproduction.to_json(), allow_nan=False) if arguments.json else text(reproduction))
     if arguments.report:
-        write_text(str(Path(arguments.report) / "data.json"), json.dumps(found, allow_nan=False, indent=1) + "\n")
-    print(json.dumps(found, allow_nan=False) if arguments.json else text(reproduction))
+        with bar("report") as tell:
+            index = write_pages(Path(arguments.report), reproduction, tell)
+        print(f"report {index}", file=sys.stderr if arguments.json else sys.stdout)
 
 
 def _make(folder: Path) -> None:
