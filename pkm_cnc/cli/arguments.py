@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-import os
-import tempfile
 from pathlib import Path
 
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.errors import InputError
+from pkm_cnc.report import write_whole
 
 __all__ = ["add_bag", "add_machine", "add_program", "print_bag", "setup_of", "write_text"]
 
@@ -59,27 +57,10 @@ def write_text(path: str, text: str) -> None:
     Raises InputError where it cannot be written.
     """
     target = Path(path)
+    if not target.is_symlink() and (target.is_file() or not target.exists()):
+        write_whole(target, text.encode())
+        return
     try:
-        if target.is_symlink() or (target.exists() and not target.is_file()):
-            target.write_text(text, encoding="utf-8")
-        else:
-            _replace(target, text)
+        target.write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror}") from None
-
-
-def _replace(target: Path, text: str) -> None:
-    temporary = None
-    try:
-        with tempfile.NamedTemporaryFile("w", dir=target.parent, delete=False, encoding="utf-8") as file:
-            temporary = file.name
-            file.write(text)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, target)
-    except OSError:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
-        raise

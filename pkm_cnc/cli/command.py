@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 
@@ -33,7 +34,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parsed = _parser().parse_args(joined(sys.argv[1:] if arguments is None else arguments))
+    given = sys.argv[1:] if arguments is None else arguments
+    parsed = _parser().parse_args(joined(given))
+    parsed.command = shlex.join(["pkm_cnc", *given])  # for what tells how it was made
     try:
         parsed.action(parsed)
         sys.stdout.flush()

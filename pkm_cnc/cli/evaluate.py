@@ -37,7 +37,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     _tell_end(arguments.bag, evaluation)
     print(json.dumps(evaluation.to_json()) if arguments.json else _text(evaluation))
     if arguments.report:
-        page = run_page(evaluation, setup_of(run), f"pkm_cnc evaluate {arguments.bag} --report {arguments.report}")
+        page = run_page(evaluation, setup_of(run), arguments.command)
         written = write_page(Path(arguments.report), page)
         print(f"report {written[-1]}", file=sys.stderr if arguments.json else sys.stdout)
 

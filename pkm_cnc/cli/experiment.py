@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
-from pkm_cnc.cli.arguments import add_machine, write_text
+from pkm_cnc.cli.arguments import add_machine
 from pkm_cnc.cli.options import add_options, options_of
 from pkm_cnc.cli.parser import Parser
 from pkm_cnc.cli.progress import bar
-from pkm_cnc.errors import InputError
-from pkm_cnc.experiments import Experiment, Findings, Lab, Runner, experiment_names, load_experiment, simulated
-from pkm_cnc.report import text_table
+from pkm_cnc.experiments import (
+    Experiment,
+    Findings,
+    Lab,
+    Runner,
+    experiment_names,
+    experiment_page,
+    load_experiment,
+    simulated,
+)
+from pkm_cnc.report import text_table, write_page
 
 __all__ = ["add_parser"]
 
@@ -65,16 +73,11 @@ def _run(experiment: Experiment, arguments: argparse.Namespace) -> None:
     with bar(experiment.name) as tell:
         lab = Lab(arguments.machine, arguments.set, _graph_runner() if arguments.graph else simulated, tell)
         findings = experiment.run(lab, options)
-    result = {
-        "experiment": experiment.name,
-        "machine": lab.machine,
-        "set": list(lab.overrides),
-        "options": dataclasses.asdict(options),
-        "data": findings.to_json(),
-    }
+    page = experiment_page(experiment, lab, options, findings, arguments.command)
     if arguments.report:
-        _write(Path(arguments.report), result)
-    print(json.dumps(result, allow_nan=False) if arguments.json else _text(findings))
+        written = write_page(Path(arguments.report), page)
+        print(f"report {written[-1]}", file=sys.stderr if arguments.json else sys.stdout)
+    print(json.dumps(page.data, allow_nan=False) if arguments.json else _text(findings))
 
 
 def _graph_runner() -> Runner:
@@ -85,11 +88,3 @@ def _graph_runner() -> Runner:
 
 def _text(findings: Findings) -> str:
     return "\n\n".join([*map(text_table, findings.tables), *findings.remarks])
-
-
-def _write(folder: Path, result: dict[str, Any]) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"report {folder}: {error.strerror}") from None
-    write_text(str(folder / "data.json"), json.dumps(result, allow_nan=False, indent=1) + "\n")

@@ -29,11 +29,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def _reproduce(arguments: argparse.Namespace) -> None:
-    from pkm_cnc.reproduction import (
-        reproduce,
-        text,
-        write_pages,
-    )  # half a second of imports that no other command needs
+    from pkm_cnc.reproduction import reproduce, text, write_report  # imports that no other command needs
 
     if arguments.report:
         _make(Path(arguments.report))
@@ -41,9 +37,8 @@ def _reproduce(arguments: argparse.Namespace) -> None:
         reproduction = reproduce(tell)
     print(json.dumps(reproduction.to_json(), allow_nan=False) if arguments.json else text(reproduction))
     if arguments.report:
-        with bar("report") as tell:
-            index = write_pages(Path(arguments.report), reproduction, tell)
-        print(f"report {index}", file=sys.stderr if arguments.json else sys.stdout)
+        written = write_report(Path(arguments.report), reproduction, arguments.command)
+        print(f"report {written}", file=sys.stderr if arguments.json else sys.stdout)
 
 
 def _make(folder: Path) -> None:

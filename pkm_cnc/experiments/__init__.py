@@ -8,6 +8,7 @@ import pkgutil
 from typing import cast
 
 from pkm_cnc.errors import InputError
+from pkm_cnc.experiments._page import experiment_page
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab, Tell
 from pkm_cnc.experiments.trial import Runner, Trial, simulated, trial_of_bag
 
@@ -19,6 +20,7 @@ __all__ = [
     "Tell",
     "Trial",
     "experiment_names",
+    "experiment_page",
     "load_experiment",
     "simulated",
     "trial_of_bag",

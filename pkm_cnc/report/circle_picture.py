@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator
 
 from pkm_cnc.contour import CirclePath, extrema
 from pkm_cnc.evaluation import Evaluation
@@ -90,8 +89,9 @@ def _rings(paths: Sequence[CirclePath]) -> list[float]:
     """Round radial deviations, um, for circles that tell the scale."""
     lowest = 1e6 * min(float(path.deviation.min()) for path in paths)
     highest = 1e6 * max(float(path.deviation.max()) for path in paths)
-    values = MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(min(lowest, 0.0), max(highest, 0.0))
-    return [float(value) for value in values if value]
+    low, high = min(lowest, 0.0), max(highest, 0.0)
+    step = round_scale(1.0, 0.5 * max(high - low, 1e-9))
+    return [step * n for n in range(math.floor(low / step), math.ceil(high / step) + 1) if n]
 
 
 def _deviation(path: CirclePath, angle: Array) -> Array:

@@ -13,10 +13,9 @@ __all__ = ["write_whole"]
 
 
 def write_whole(path: Path, content: bytes) -> Path:
-    """Write `content` under a temporary name and rename it; folders are made. Raises InputError where it cannot."""
+    """Write `content` under a temporary name and rename it; returns `path`. Raises InputError where it cannot."""
     temporary = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             temporary = file.name
             file.write(content)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -15,7 +15,7 @@ from string import Template
 from typing import Any
 
 from pkm_cnc import __version__
-from pkm_cnc.report import paper, screen
+from pkm_cnc.errors import InputError
 from pkm_cnc.report.figure import Figure, Table
 from pkm_cnc.report.files import write_whole
 from pkm_cnc.report.text import cell, numeric_columns
@@ -48,38 +48,47 @@ def write_page(folder: Path, page: Page) -> list[Path]:
     Each file appears whole or not at all, index.html last; equal pages give equal files. Returns their paths.
     Raises InputError where `folder` cannot be written.
     """
+    from pkm_cnc.report import paper  # half a second of imports that only pages need, as those of screen below
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"report {folder}: {error.strerror}") from None
     drawn = [(figure, paper.svg(figure)) for figure in page.figures]
-    files = [(f"{figure.name}.{kind}", content) for figure, svg in drawn for kind, content in _pictures(figure, svg)]
+    files = [
+        (f"{figure.name}.{kind}", content)
+        for figure, svg in drawn
+        for kind, content in (("svg", svg), ("png", paper.png(figure)))
+    ]
     if page.data is not None:
         files.append(("data.json", (json.dumps(page.data, allow_nan=False, indent=1) + "\n").encode()))
     files.append(("index.html", _html(page, drawn).encode()))
     return [write_whole(folder / name, content) for name, content in files]
 
 
-def _pictures(figure: Figure, svg: bytes) -> Iterable[tuple[str, bytes]]:
-    return ("svg", svg), ("png", paper.png(figure))
-
-
 def _html(page: Page, drawn: Sequence[tuple[Figure, bytes]]) -> str:
+    from pkm_cnc.report import screen
+
     links = "".join(f'<li><a href="{escape(address)}">{escape(text)}</a></li>' for text, address in page.links)
+    parameters = "".join(map(_table, page.parameters))
     return _PAGE.substitute(
         title=escape(page.title),
         question=escape(page.question),
         tables="".join(map(_table, page.tables)),
         remarks="".join(f"<p>{escape(remark)}</p>" for remark in page.remarks),
         links=f"<ul>{links}</ul>" if links else "",
-        figures="".join(_figure(figure, svg) for figure, svg in drawn),
-        parameters="".join(map(_table, page.parameters)),
+        figures="".join(_figure(figure, svg, screen.picture(figure, f"figure-{figure.name}")) for figure, svg in drawn),
+        parameters=f"<details><summary>Parameters</summary>{parameters}</details>" if parameters else "",
         command=escape(page.command),
         version=escape(__version__),
         script=f"<script>{screen.script()}</script>" if drawn else "",
     )
 
 
-def _figure(figure: Figure, svg: bytes) -> str:
+def _figure(figure: Figure, svg: bytes, moving: str) -> str:
     name = escape(figure.name)
     return (
-        f'<figure><div class="screen">{screen.picture(figure, f"figure-{figure.name}")}</div>'
+        f'<figure><div class="screen">{moving}</div>'
         f'<img class="paper" alt="{escape(figure.title)}"'
         f' src="data:image/svg+xml;base64,{base64.b64encode(svg).decode()}">'
         f"<figcaption><b>{escape(figure.title)}.</b> {escape(figure.caption)} "
@@ -145,9 +154,7 @@ $tables
 $remarks
 $links
 $figures
-<details><summary>Parameters</summary>
 $parameters
-</details>
 <footer><p>Made by <code>$command</code> (pkm_cnc $version)</p></footer>
 </body>
 </html>

@@ -8,7 +8,7 @@ from pkm_cnc.reproduction.claim import Claim, Outcome, Verdict
 from pkm_cnc.reproduction.claims import CHAPTERS
 from pkm_cnc.reproduction.document import claims_table, counts_table, markdown, text
 from pkm_cnc.reproduction.evidence import Evidence
-from pkm_cnc.reproduction.pages import write_pages
+from pkm_cnc.reproduction.pages import write_report
 from pkm_cnc.reproduction.run import LEFT_OUT, Judged, Reproduction, judge, reproduce
 
 __all__ = [
@@ -26,5 +26,5 @@ __all__ = [
     "markdown",
     "reproduce",
     "text",
-    "write_pages",
+    "write_report",
 ]
