@@ -5,24 +5,25 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
-from pkm_cnc.report.figure import Table
-from pkm_cnc.reproduction.claims import CHAPTERS
+from pkm_cnc.report import Table
 from pkm_cnc.reproduction.run import Judged, Reproduction
 
-__all__ = ["claims_table", "counts_table", "markdown", "text"]
+__all__ = ["READING", "claims_table", "counts_table", "markdown", "text"]
+
+READING = (
+    "Every claim is in our words. Its verdict is computed: from the figures beside it and a tolerance that its check "
+    "states (`pkm_cnc/reproduction/section_*.py`). `pkm_cnc reproduce` computes it all anew.",
+    "Reproduced: the model shows it. Where the thesis measured, this is the model's answer to the same question.",
+    "Contradicted: the model, or the algebra, shows otherwise; the reason is given. Nothing is tuned into agreement.",
+    "Not checkable: it needs what is lost, or what this version of the model does not have; the reason says what.",
+    "Contour error + = the tool is left of travel; radial deviation + = the circle came out too small.",
+)
+"""How to read the tables."""
 
 HEAD = """# The thesis, claim by claim
 
-Every statement of sections 2.2 to 7.6 of the thesis that can be checked without its lost figures, in our words, and
-what this model says of it. `pkm_cnc reproduce` computes it all anew: the verdicts come from the figures in the column
-"computed" and a tolerance that the claim's check states (`pkm_cnc/reproduction/section_*.py`), none is written down.
-
-- **reproduced**: the model shows it. Where the thesis measured, this is the model's answer to the same question.
-- **contradicted**: the model, or the algebra, shows otherwise; the reason is given. Nothing is tuned into agreement.
-- **not checkable**: it needs what is lost or what this version of the model does not have; the reason says what.
-
-Signs are those of this project: contour error + = the tool is left of travel, radial deviation + = the circle came out
-too small. Written by `tools/reproduction_docs.py`.
+The statements of sections 2.2 to 7.6 of the thesis that can be checked without its lost figures, and what this model
+says of them. Written by `tools/reproduction_docs.py`.
 """
 
 
@@ -40,16 +41,10 @@ def counts_table(reproduction: Reproduction) -> Table:
     return Table("Verdicts", ("verdict", "claims"), list(reproduction.counts().items()))
 
 
-def by_chapter(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
-    """The judged claims under the titles of their chapters."""
-    outcomes = {each.claim.name: each for each in judged}
-    return {title: [outcomes[claim.name] for claim in claims] for title, claims in CHAPTERS.items()}
-
-
 def text(reproduction: Reproduction) -> str:
     """For a terminal of any width: claim by claim, then how many have each verdict."""
     lines = []
-    for title, chapter in by_chapter(reproduction.judged).items():
+    for title, chapter in reproduction.by_chapter().items():
         lines.append(title)
         for each in chapter:
             outcome = each.outcome
@@ -61,10 +56,10 @@ def text(reproduction: Reproduction) -> str:
     return "\n".join([*lines, f"{len(reproduction.judged)} claims: {counts}"])
 
 
-def markdown(judged: Sequence[Judged]) -> str:
+def markdown(reproduction: Reproduction) -> str:
     """docs/reproduction.md."""
-    parts = [HEAD]
-    for title, chapter in by_chapter(judged).items():
+    parts = [HEAD, "\n".join([*(f"- {sentence}" for sentence in READING), ""])]
+    for title, chapter in reproduction.by_chapter().items():
         table = claims_table(title, chapter)
         lines = [f"## {title}", "", _row(table.columns), "|" + "---|" * len(table.columns)]
         parts.append("\n".join([*lines, *(_row([str(cell) for cell in row]) for row in table.rows), ""]))

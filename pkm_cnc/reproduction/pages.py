@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pkm_cnc.experiments import Lab, experiment_page, load_experiment, simulated
 from pkm_cnc.report import Page, write_page
-from pkm_cnc.reproduction.document import by_chapter, claims_table, counts_table
+from pkm_cnc.reproduction.document import READING, claims_table, counts_table
 from pkm_cnc.reproduction.run import Reproduction
 
 __all__ = ["write_report"]
@@ -28,10 +28,10 @@ def write_report(folder: Path, reproduction: Reproduction, command: str) -> Path
         command=command,
         tables=[
             counts_table(reproduction),
-            *(claims_table(title, judged) for title, judged in by_chapter(reproduction.judged).items()),
+            *(claims_table(title, judged) for title, judged in reproduction.by_chapter().items()),
         ],
         figures=(),
-        remarks=["The experiments behind the figures, each with its pictures:"],
+        remarks=[*READING, "The experiments, each with its pictures:"],
         links=[(f"{name}: {load_experiment(name).question}", f"{name}/index.html") for name in reproduction.findings],
         data=reproduction.to_json(),
     )

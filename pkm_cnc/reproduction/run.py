@@ -45,6 +45,11 @@ class Reproduction:
     judged: Sequence[Judged]
     findings: Mapping[str, Findings]
 
+    def by_chapter(self) -> dict[str, list[Judged]]:
+        """The judged claims under the titles of their chapters."""
+        judged = {each.claim.name: each for each in self.judged}
+        return {title: [judged[claim.name] for claim in claims] for title, claims in CHAPTERS.items()}
+
     def counts(self) -> dict[Verdict, int]:
         """How many claims have each verdict."""
         return {verdict: sum(each.outcome.verdict == verdict for each in self.judged) for verdict in VERDICTS}

@@ -176,7 +176,7 @@ def stability_over_position(evidence: Evidence) -> Outcome:
     return judged(
         ratio > 1.1,
         f"TCP's velocity overshoot below 5 % up to Kv {gains[0]:.1f} 1/s at beta {angles[0]:.0f} deg, {gains[1]:.1f} "
-        f"1/s at {angles[1]:.0f} deg; drive stable below {found['drive_stability_limit_per_s']:.0f} 1/s everywhere",
+        f"1/s at {angles[1]:.0f} deg; the drive is stable below {found['drive_stability_limit_per_s']:.0f} 1/s at all",
         otherwise="the drive's loop does not know the position, and the gear ratio is in the feed as in the overshoot; "
         "only what shakes the drive itself is larger in x at small x",
     )
