@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import shutil
 from pathlib import Path
 from typing import Any
@@ -284,14 +285,15 @@ def test_evaluate_as_a_table_carries_units(recorded: Path) -> None:
     assert "6000" in table
 
 
-def test_evaluate_writes_pictures_and_names_them(recorded: Path, tmp_path: Path) -> None:
+def test_evaluate_writes_a_page_and_names_it(recorded: Path, tmp_path: Path) -> None:
     result = pkm("evaluate", recorded / "contour", "--json", "--report", tmp_path / "report")
     assert result.code == 0
     json.loads(result.out)
-    named = [Path(line.removeprefix("picture ")) for line in result.err.splitlines()]
-    assert named
-    assert sorted(named) == sorted((tmp_path / "report").iterdir())
-    assert all(path.stat().st_size > 1000 for path in named)
+    assert result.err == f"report {tmp_path / 'report' / 'index.html'}\n"
+    files = sorted((tmp_path / "report").iterdir())
+    assert [path.name for path in files] == ["contour_error.png", "contour_error.svg", "data.json", "index.html"]
+    assert json.loads(files[2].read_text(encoding="utf-8")) == json.loads(result.out)
+    assert shlex.join(["pkm_cnc", "evaluate", str(recorded / "contour")]) in files[3].read_text(encoding="utf-8")
 
 
 # --- kinematics
