@@ -1,4 +1,4 @@
-"""Speed and memory of this machine, as ratios measured in one run: `make bench` (about eight minutes).
+"""Speed and memory of this machine, as ratios measured in one run: `make bench` (about twelve minutes).
 
 Machine time is what the machine would take; "x real time" is machine time over wall time, start-up included.
 """
@@ -11,13 +11,21 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
+
+from pkm_cnc.array_path import respond
 from pkm_cnc.bag import BagWriter
 from pkm_cnc.bringup import prepare_environment, run_in_one_process, run_in_processes
 from pkm_cnc.check import prepare
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.contour import parse_headings, star_program
+from pkm_cnc.experiments import Lab, load_experiment
+from pkm_cnc.experiments import simulated as trial
 from pkm_cnc.program import Program, read_program
-from pkm_cnc.simulation import simulate
+from pkm_cnc.records import AxisSetpoint
+from pkm_cnc.reproduction import reproduce
+from pkm_cnc.servo import ServoDrive
+from pkm_cnc.simulation import make_plant, simulate
 from pkm_cnc.topics import recorded_topics
 
 HOPS = 20_000
@@ -92,6 +100,32 @@ def simulated(setup: Setup, program: Program, bag: Path | None) -> tuple[float, 
     return cycles * setup.servo_period, time.perf_counter() - started
 
 
+def array_path_times(setup: Setup) -> tuple[float, float]:
+    """Wall time (s) of the same axis motions, 200 lines of 2000 cycles, by the array path and by the step loop."""
+    axis, parts = next(iter(setup.axes.items()))
+    time_of = np.arange(2000) * setup.servo_period
+    speeds = np.linspace(0.01, 0.15, 200)[:, np.newaxis]
+    position, velocity = 0.4 + speeds * time_of, np.broadcast_to(speeds, (200, 2000))
+    acceleration = np.zeros((200, 2000))
+    started = time.perf_counter()
+    respond(setup, axis, position, velocity, acceleration)
+    by_arrays = time.perf_counter() - started
+    started = time.perf_counter()
+    for line in zip(position.tolist(), velocity.tolist(), acceleration.tolist(), strict=True):
+        drive, plant = ServoDrive(parts.drive, setup.servo_period), make_plant(setup, axis)
+        for setpoint in zip(*line, strict=True):
+            plant.step(drive.step(AxisSetpoint(*setpoint), plant.state))
+    return by_arrays, time.perf_counter() - started
+
+
+def wall_of(name: str) -> float:
+    """Wall time (s) of an experiment with its defaults."""
+    experiment = load_experiment(name)
+    started = time.perf_counter()
+    experiment.run(Lab(experiment.machine, (), trial), experiment.options())
+    return time.perf_counter() - started
+
+
 def main() -> None:
     """Measure and print."""
     prepare_environment()
@@ -104,6 +138,16 @@ def main() -> None:
         print(f"simulate without a bag:   {machine / wall:6.2f} x real time   (required 30)", flush=True)
         machine, wall = simulated(setup, minute, folder / "simulated")
         print(f"simulate with a bag:      {machine / wall:6.2f} x real time   (required 8)", flush=True)
+
+        by_arrays, by_steps = array_path_times(setup)
+        print(
+            f"array path:               {by_steps / by_arrays:6.1f} x as fast as the step loop, 200 lines", flush=True
+        )
+        wall = wall_of("workspace-map")
+        print(f"map of the workspace:     {wall:6.1f} s for 41 x 41 pivots, 24 headings   (aim 60)", flush=True)
+        started = time.perf_counter()
+        reproduce()
+        print(f"reproduction:             {time.perf_counter() - started:6.1f} s   (aim 180)", flush=True)
 
         hop = bare_hop()
         print(

@@ -10,4 +10,4 @@ bag=bags/star-$n
 .venv/bin/pkm_cnc program star --machine tripod --feed 6000 --headings=-15:105:15 --pivot 0 0 --length 200 -o "$bag.ngc"
 .venv/bin/pkm_cnc run "$bag.ngc" --machine tripod --bag "$bag"
 .venv/bin/pkm_cnc evaluate "$bag" --report "$bag-report"
-echo "program $bag.ngc, bag $bag, pictures $bag-report"
+echo "program $bag.ngc, bag $bag"
