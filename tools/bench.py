@@ -105,7 +105,7 @@ def array_path_times(setup: Setup) -> tuple[float, float]:
     axis, parts = next(iter(setup.axes.items()))
     time_of = np.arange(2000) * setup.servo_period
     speeds = np.linspace(0.01, 0.15, 200)[:, np.newaxis]
-    position, velocity = 0.4 + speeds * time_of, np.broadcast_to(speeds, (200, 2000))
+    position, velocity = make_plant(setup, axis).state.position + speeds * time_of, np.broadcast_to(speeds, (200, 2000))
     acceleration = np.zeros((200, 2000))
     started = time.perf_counter()
     respond(setup, axis, position, velocity, acceleration)
