@@ -136,7 +136,7 @@ def test_check_as_a_table(tmp_path: Path) -> None:
 
 def _motion(folder: Path, text: str, *options: str) -> list[dict[str, Any]]:
     printed = json.loads(done("check", _write(folder, text), *MACHINE, "--json", *options))
-    assert list(printed) == ["motion"]
+    assert list(printed) == ["motion", "events"]
     motion: list[dict[str, Any]] = printed["motion"]
     return motion
 

@@ -1,5 +1,6 @@
 """Text -> blocks: the form of RS-274, and what is refused for its form."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,8 +12,13 @@ from pkm_cnc.program.flow import executed_blocks
 from pkm_cnc.program.parameters import Parameters
 
 
+def reader(text: str, *, block_delete: bool = True, block_limit: int = 1000) -> Iterator[Block]:
+    program = Program("part.ngc", text)
+    return executed_blocks(program, Parameters({}), block_delete=block_delete, block_limit=block_limit)
+
+
 def blocks(text: str) -> list[Block]:
-    return list(executed_blocks(Program("part.ngc", text), Parameters({})))
+    return list(reader(text))
 
 
 @pytest.mark.parametrize(
@@ -56,10 +62,10 @@ def test_percent_signs_enclose_the_program() -> None:
 
 
 def test_blocks_are_read_only_when_asked_for() -> None:
-    reader = executed_blocks(Program("part.ngc", "G1\nX1.2.3"), Parameters({}))
-    assert next(reader).line == 1
+    unread = reader("G1\nX1.2.3")
+    assert next(unread).line == 1
     with pytest.raises(ProgramError):
-        next(reader)
+        next(unread)
 
 
 @pytest.mark.parametrize(

@@ -175,8 +175,11 @@ def _read_computed(
     text: str, piece: str, parameters: Parameters, words: list[Word], settings: list[tuple[Key, float]]
 ) -> None:
     """Read words and settings of parameters with their numbers computed."""
-    if not (_COMPUTED.search(piece) and piece.isascii()) or "(" in piece or ")" in piece:
+    if not _COMPUTED.search(piece) or "(" in piece or ")" in piece:
         raise MalformedError(_why_not_words(piece, text))
+    foreign = next((character for character in piece if not character.isascii()), None)
+    if foreign:
+        raise MalformedError(f"{foreign!r} may stand in a comment only")
     reader = Reader(piece.upper(), parameters)
     while not reader.at_end:
         if reader.take("#"):

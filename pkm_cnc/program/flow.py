@@ -18,12 +18,10 @@ from pkm_cnc.program.blocks import Block, Control, Program, ProgramError, contro
 from pkm_cnc.program.expressions import WHOLE, MalformedError, Reader
 from pkm_cnc.program.parameters import LOCAL_NUMBERS, ParameterError, Parameters
 
-__all__ = ["BLOCK_LIMIT", "executed_blocks"]
+__all__ = ["executed_blocks"]
 
 CALLS_WITHIN = 10
 """Subroutines that may call one another, or themselves, at a time: LinuxCNC's limit."""
-BLOCK_LIMIT = 10_000_000
-"""By how many lines a program may run more than it has: some minutes of interpreting, days of machining."""
 
 _OPENING = {"SUB", "IF", "WHILE", "DO", "REPEAT"}
 _CLOSING = {"ENDSUB": "SUB", "ENDIF": "IF", "ENDWHILE": "WHILE", "ENDREPEAT": "REPEAT"}
@@ -56,12 +54,13 @@ class _Frame:
 
 
 def executed_blocks(
-    program: Program, parameters: Parameters, *, block_delete: bool = True, block_limit: int = BLOCK_LIMIT
+    program: Program, parameters: Parameters, *, block_delete: bool, block_limit: int
 ) -> Iterator[Block]:
     """The blocks of a program that hold anything, in the order in which they are run, each read when it is asked for.
 
-    `block_delete` skips the lines that begin with a slash; otherwise the slash is passed over. The program ends at the
-    second `%`. Raises ProgramError for what has not the form of RS-274 and for a program that exceeds a limit.
+    `block_delete` skips the lines that begin with a slash; otherwise the slash is passed over. `block_limit` is by how
+    many lines the program may run more than it has. It ends at the second `%`.
+    Raises ProgramError for what has not the form of RS-274 and for a program that exceeds a limit.
     """
     return _Run(program, parameters, block_delete).blocks(block_limit)
 
@@ -88,7 +87,10 @@ class _Run:
                 continue
             left -= 1
             if left < 0:
-                reason = f"the program has run {block_limit} blocks more than it has lines: does it loop for ever?"
+                reason = (
+                    f"the program has run {block_limit} blocks more than it has lines (program.block_limit): "
+                    "does it loop for ever?"
+                )
                 raise ProgramError(file, place + 1, text, reason)
             item = read_line(file, place + 1, text, parameters)
             if isinstance(item, Block):

@@ -16,7 +16,7 @@ from pkm_cnc.program.arcs import LARGEST_TURNS, ArcError, ArcFeed, ArcWords, arc
 from pkm_cnc.program.blocks import Block, Program
 from pkm_cnc.program.codes import ARCS, EVENTS, FEED, NO_MOTION, TRAVERSE, words_by_meaning
 from pkm_cnc.program.expressions import WHOLE
-from pkm_cnc.program.flow import BLOCK_LIMIT, executed_blocks
+from pkm_cnc.program.flow import executed_blocks
 from pkm_cnc.program.parameters import Key, Parameters
 from pkm_cnc.program.toolpath import EXACT_PATH, Element, Event, Line, PathMode, Plane, Toolpath
 from pkm_cnc.records import Vector
@@ -56,6 +56,14 @@ class ProgramParameters:
         (0.0, 0.0, 0.0), "where G30 goes: TCP in base_link", unit="m", minimum=-100.0, maximum=100.0
     )
     block_delete: bool = parameter(True, "skip the blocks that begin with a slash; otherwise they are run")
+    block_limit: int = parameter(
+        1_000_000,
+        "by how many lines a program may run more than it has, in loops and subroutines, before it is taken to run for "
+        "ever; the default is some 20 s of reading and many hours of machining",
+        unit="blocks",
+        minimum=0,
+        maximum=1_000_000_000,
+    )
 
 
 def interpret(
@@ -86,16 +94,12 @@ def read_elements(
     zero: Vector,
     rapid: float,
     parameters: ProgramParameters | None = None,
-    block_limit: int = BLOCK_LIMIT,
 ) -> Iterator[Element | Event]:
     """The elements of the toolpath and the events between them, each made when it is asked for and not kept.
 
-    Arguments and errors are those of `interpret`, but that a program may be without motion; `block_limit` is by how
-    many lines the program may run more than it has.
+    Arguments and errors are those of `interpret`, but that a program may be without motion.
     """
-    for item in read_motions(
-        program, start=start, zero=zero, rapid=rapid, parameters=parameters, block_limit=block_limit
-    ):
+    for item in read_motions(program, start=start, zero=zero, rapid=rapid, parameters=parameters):
         if isinstance(item, ArcFeed):
             yield from item.arcs
         elif isinstance(item, Event) or item.length > 0.0:
@@ -109,13 +113,12 @@ def read_motions(
     zero: Vector,
     rapid: float,
     parameters: ProgramParameters | None = None,
-    block_limit: int = BLOCK_LIMIT,
 ) -> Iterator[Motion | Event]:
     """Every motion of a program as it is programmed, and every event, as they are read; else as `read_elements`.
 
     A straight motion to where the tool already is (nearer than ZERO_LENGTH) comes as a line of length 0.
     """
-    return _Interpreter(program, start, zero, rapid, parameters or ProgramParameters()).run(block_limit)
+    return _Interpreter(program, start, zero, rapid, parameters or ProgramParameters()).run()
 
 
 class _Interpreter:
@@ -142,10 +145,9 @@ class _Interpreter:
         self._speed = 0.0  # of the spindle, rpm
         self._tool = 0.0
 
-    def run(self, block_limit: int) -> Iterator[Motion | Event]:
-        numbers = Parameters(self._known())
-        delete = self._parameters.block_delete
-        for block in executed_blocks(self._program, numbers, block_delete=delete, block_limit=block_limit):
+    def run(self) -> Iterator[Motion | Event]:
+        delete, limit = self._parameters.block_delete, self._parameters.block_limit
+        for block in executed_blocks(self._program, Parameters(self._known()), block_delete=delete, block_limit=limit):
             self._line = block.line
             words = words_by_meaning(block)
             if block.comments:
