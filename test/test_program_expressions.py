@@ -14,7 +14,8 @@ from pkm_cnc.program.parameters import Parameters
 
 
 def value(text: str, **named: float) -> float:
-    parameters = Parameters({5420: lambda: 7.5, "_LINE": lambda: 3.0})
+    parameters = Parameters({5420: lambda: 7.5})
+    parameters.line = 3
     parameters.set(3, 3.0)
     parameters.set(4, 3.0)
     for name, number in named.items():

@@ -92,6 +92,7 @@ class _Run:
                     "does it loop for ever?"
                 )
                 raise ProgramError(file, place + 1, text, reason)
+            parameters.line = place + 1
             item = read_line(file, place + 1, text, parameters)
             if isinstance(item, Block):
                 yield item

@@ -407,7 +407,6 @@ class _Interpreter:
             5220: lambda: 1.0,
             "_FEED": lambda: self._feed * MM_PER_MIN / self._unit,
             "_RPM": lambda: self._speed,
-            "_LINE": lambda: float(self._line),
             "_METRIC": lambda: float(self._unit == 1.0),
             "_IMPERIAL": lambda: float(self._unit != 1.0),
             "_ABSOLUTE": lambda: float(self._absolute),

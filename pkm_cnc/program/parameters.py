@@ -30,10 +30,15 @@ class Parameters:
     returned: float | None
     """What the last subroutine returned, None = nothing: #<_value>, #<_value_returned>."""
 
+    line: int
+    """The line that is read: #<_line>."""
+
     def __init__(self, known: Mapping[Key, Callable[[], float]]) -> None:
         self.returned = None
+        self.line = 0
         self._known: dict[Key, Callable[[], float]] = {
             **known,
+            "_LINE": lambda: float(self.line),
             "_VALUE": lambda: self.returned or 0.0,
             "_VALUE_RETURNED": lambda: float(self.returned is not None),
         }
