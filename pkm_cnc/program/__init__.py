@@ -1,7 +1,7 @@
 """Part programs: text -> blocks -> modal state -> toolpath (lines and arcs in `base_link`, SI)."""
 
 from pkm_cnc.program.arcs import ArcFeed
-from pkm_cnc.program.blocks import Program, ProgramError, read_program
+from pkm_cnc.program.blocks import Program, ProgramError, program_from_bytes, read_program
 from pkm_cnc.program.canon import canonical_events, canonical_motion
 from pkm_cnc.program.interpreter import (
     NOT_EVALUATED_COMMENT,
@@ -31,6 +31,7 @@ __all__ = [
     "canonical_events",
     "canonical_motion",
     "interpret",
+    "program_from_bytes",
     "read_elements",
     "read_motions",
     "read_program",

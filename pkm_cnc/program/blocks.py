@@ -17,7 +17,17 @@ from pkm_cnc.errors import InputError
 from pkm_cnc.program.expressions import WHOLE, MalformedError, Reader
 from pkm_cnc.program.parameters import Key, ParameterError, Parameters
 
-__all__ = ["Block", "Control", "Program", "ProgramError", "Word", "control_of", "read_line", "read_program"]
+__all__ = [
+    "Block",
+    "Control",
+    "Program",
+    "ProgramError",
+    "Word",
+    "control_of",
+    "program_from_bytes",
+    "read_line",
+    "read_program",
+]
 
 Word = tuple[str, float]
 """A letter, upper case, and its number."""
@@ -75,14 +85,19 @@ def read_program(path: str | PathLike[str]) -> Program:
         content = Path(path).read_bytes()
     except OSError as error:
         raise InputError(f"part program {path}: {error.strerror}") from None
+    return program_from_bytes(str(path), content)
+
+
+def program_from_bytes(name: str, content: bytes) -> Program:
+    """The part program that a file's content is (UTF-8), known as `name`. Raises InputError for what is no text."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         byte = content[error.start]
-        raise InputError(f"part program {path}: not a text file: byte 0x{byte:02x} at offset {error.start}") from None
+        raise InputError(f"part program {name}: not a text file: byte 0x{byte:02x} at offset {error.start}") from None
     if "\0" in text:
-        raise InputError(f"part program {path}: not a text file: byte 0x00 at offset {content.index(0)}")
-    return Program(str(path), text.replace("\r\n", "\n").replace("\r", "\n"))
+        raise InputError(f"part program {name}: not a text file: byte 0x00 at offset {content.index(0)}")
+    return Program(name, text.replace("\r\n", "\n").replace("\r", "\n"))
 
 
 class Control(NamedTuple):
