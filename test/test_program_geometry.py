@@ -1,6 +1,8 @@
 """What moves where: planes, units, increments, offsets, machine coordinates, arcs at their tolerances; and events."""
 
 import math
+import random
+from fractions import Fraction
 from itertools import pairwise
 
 import pytest
@@ -294,7 +296,7 @@ def test_arcs_that_no_circle_closes_are_run_close_to_the_programmed_one(block: s
 decimals = st.integers(-20_000, 20_000).map(lambda n: n / 1000)
 
 
-@settings(derandomize=True, max_examples=300, deadline=None)
+@settings(derandomize=True, max_examples=120, deadline=None)
 @given(
     st.integers(2_000, 90_000), st.floats(0.0, math.tau), st.floats(1e-3, math.tau), st.booleans(), st.integers(2, 4)
 )
@@ -338,3 +340,69 @@ def test_a_helix_is_followed_by_the_contour_tracker_across_its_junctions() -> No
             assert error.segment == index
             assert error.magnitude < 1e-12
             assert error.path_length == pytest.approx(path.starts[index] + s, abs=1e-9)
+
+
+# --- random programs
+
+
+@st.composite
+def moves(draw: st.DrawFn) -> tuple[str, list[tuple[Fraction, ...]]]:
+    """A program of straight motions in changing units and distance modes, and its ends in mm, reckoned in fractions."""
+    text, ends = ["F100 G1"], []
+    position, origin = [Fraction(0)] * 3, [Fraction(0)] * 3
+    unit, absolute = Fraction(1), True
+    for _ in range(draw(st.integers(1, 25))):
+        word = draw(st.sampled_from(["", "", "", "G20", "G21", "G90", "G91", "G92", "G92.1", "G53"]))
+        unit = {"G20": Fraction("25.4"), "G21": Fraction(1)}.get(word, unit)
+        absolute = {"G90": True, "G91": False}.get(word, absolute)
+        axes = draw(st.lists(st.sampled_from(range(3)), min_size=1, unique=True))
+        values = {axis: draw(st.integers(-99999, 99999)) for axis in axes}
+        block = " ".join(f"{'XYZ'[axis]}{number / 1000:.3f}" for axis, number in values.items())
+        text.append(word if word == "G92.1" else f"{word} {block}")
+        if word == "G92.1":
+            origin = [Fraction(0)] * 3
+            continue
+        for axis, number in values.items():
+            length = Fraction(number, 1000) * unit
+            if word == "G92":
+                origin[axis] = position[axis] - length
+            else:
+                base = Fraction(0) if word == "G53" else origin[axis] if absolute else position[axis]
+                position[axis] = base + length
+        if word != "G92":
+            ends.append(tuple(position))
+    return "\n".join(text), ends
+
+
+@settings(derandomize=True, max_examples=60, deadline=None)
+@given(moves())
+def test_random_motions_end_where_fractions_say(program: tuple[str, list[tuple[Fraction, ...]]]) -> None:
+    text, ends = program
+    found = [motion.end for motion in motions(text)]
+    assert len(found) == len(ends)
+    for end, expected in zip(found, ends, strict=True):
+        assert end == pytest.approx([float(x / 1000) for x in expected], abs=1e-14)
+
+
+SPELLED = (
+    "%\nN10G17G21G90G64P0.5\nM3S100T1\nG0X1Y2Z3\nG1F60X-4.5\nG2X10Y10R20\nG91G3X2I1P2Z.5\nG4P.25\n#1=[2+ATAN[1]/[1]]"
+    "\nG1X#1\nO1REPEAT[2]\nG1X[#1*2]\nO1ENDREPEAT\nM30\n%"
+)
+
+
+@settings(derandomize=True, max_examples=40, deadline=None)
+@given(st.randoms(use_true_random=False))
+def test_blanks_case_and_comments_have_no_meaning(rng: random.Random) -> None:
+    """Between any two characters of a block blanks may stand; between words and at ends comments."""
+    lines = []
+    for line in SPELLED.split("\n"):
+        blanks = [rng.choice(("", "", " ", "\t")) for _ in line]
+        spaced = "".join(b + rng.choice((c.lower(), c)) for b, c in zip(blanks, line, strict=True))
+        if line != "%":
+            spaced = rng.choice(("", "(a ; b) ")) + spaced + rng.choice(("", "(X1)", "; (G1 X[", " \t"))
+        lines += [spaced, *rng.choice(((), ("",), ("(only this)",)))]
+    plain, written = (
+        [item._replace(line=0) if isinstance(item, Event) else (item.end, item.length) for item in items(text)]
+        for text in (SPELLED, "\n".join(lines))
+    )
+    assert written == plain
