@@ -173,7 +173,7 @@ def test_path_modes() -> None:
         PathMode("G64", 0.0254, 0.0254),
         PathMode("G61"),
     ]
-    (arc,) = motions("G64 P1 F60 G3 I1")
+    (arc,) = motions("G64 P1 F60\nG3 I1")
     assert isinstance(arc, ArcFeed)
     assert arc.arcs[0].path_mode == PathMode("G64", 0.001, 0.001)
 

@@ -156,11 +156,11 @@ class _Interpreter:
                 self._feed = self._not_negative(block, words, "F", "the feed") * self._unit / MM_PER_MIN
             machine_coordinates = False
             if not words.keys() <= _PLAIN:
+                self._check_takers(block, words)
                 yield from self._machine_words(block, words)
                 self._modes(block, words)
                 machine_coordinates = words.get("non-modal") == 53.0
                 yield from self._axis_words_without_motion(block, words)
-                self._nothing_left(block, words)
             mode = words.get("motion")
             if mode is not None:
                 self._mode = None if mode == NO_MOTION else mode
@@ -205,9 +205,7 @@ class _Interpreter:
         if words.get("non-modal") == 4.0:
             if "P" not in words:
                 raise block.error("G4 needs its time: P, in seconds")
-            seconds = self._not_negative(block, words, "P", "the time")
-            del words["P"]
-            yield self._event("G", 4.0, seconds)
+            yield self._event("G", 4.0, self._not_negative(block, words, "P", "the time"))
 
     # the modes
 
@@ -234,8 +232,6 @@ class _Interpreter:
             return PathMode(code)
         tolerance = self._not_negative(block, words, "P", "the deviation from the path")
         naive_cam = self._not_negative(block, words, "Q", "the deviation of the points") if "Q" in words else tolerance
-        words.pop("P")
-        words.pop("Q", None)
         return PathMode(code, tolerance * self._unit / MM_PER_M, naive_cam * self._unit / MM_PER_M)
 
     # words of the axes that ask for something else than the motion in force
@@ -279,13 +275,17 @@ class _Interpreter:
             end = (x, y, z)
         yield self._moved(self._straight(block, end, TRAVERSE, self._rapid))
 
-    def _nothing_left(self, block: Block, words: dict[str, float]) -> None:
-        """Refuse a P or Q that no word of the block takes."""
-        mode = words.get("motion", self._mode)
-        if "Q" in words:
-            raise block.error("Q belongs to G64")
-        if "P" in words and (mode not in ARCS or (_GEOMETRY.isdisjoint(words) and "motion" not in words)):
+    def _check_takers(self, block: Block, words: dict[str, float]) -> None:
+        """Refuse a P or Q that no word of the block takes, and a P that two could."""
+        arc = words.get("motion", self._mode) in ARCS and not (_GEOMETRY | {"motion"}).isdisjoint(words)
+        possible = {"G4": words.get("non-modal") == 4.0, "G64": words.get("path mode") == 64.0, "an arc": arc}
+        takers = [name for name, takes in possible.items() if takes]
+        if "P" in words and not takers:
             raise block.error("P belongs to G4, to G64, and to an arc (G2, G3)")
+        if "P" in words and len(takers) > 1:
+            raise block.error(f"P could belong to {' and to '.join(takers)}: make it two blocks")
+        if "Q" in words and not possible["G64"]:
+            raise block.error("Q belongs to G64")
 
     # motion
 
