@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pkm_cnc.program.blocks import Block
+from pkm_cnc.program.toolpath import EventKind
 
 __all__ = ["ARCS", "EVENTS", "FEED", "TRAVERSE", "words_by_meaning"]
 
@@ -33,24 +34,20 @@ _GROUPS: dict[str, dict[str, tuple[float, ...]]] = {
 _MEANINGS = {(letter, code): group for letter in _GROUPS for group, codes in _GROUPS[letter].items() for code in codes}
 _VALUES = frozenset("FIJKPQRSTXYZ")
 
-EVENTS = {
-    ("M", 0.0): "program_stop",
-    ("M", 1.0): "optional_stop",
-    ("M", 2.0): "program_end",
-    ("M", 30.0): "program_end",
-    ("M", 3.0): "spindle_clockwise",
-    ("M", 4.0): "spindle_counterclockwise",
-    ("M", 5.0): "spindle_stop",
-    ("M", 6.0): "tool_change",
-    ("M", 7.0): "mist_on",
-    ("M", 8.0): "flood_on",
-    ("M", 9.0): "coolant_off",
-    ("G", 4.0): "dwell",
-    ("S", None): "spindle_speed",
-    ("T", None): "tool_select",
-    ("(MSG", None): "message",
+EVENTS: dict[float, EventKind] = {
+    0.0: "program_stop",
+    1.0: "optional_stop",
+    2.0: "program_end",
+    30.0: "program_end",
+    3.0: "spindle_clockwise",
+    4.0: "spindle_counterclockwise",
+    5.0: "spindle_stop",
+    6.0: "tool_change",
+    7.0: "mist_on",
+    8.0: "flood_on",
+    9.0: "coolant_off",
 }
-"""The kinds of events by the words that make them."""
+"""The events that M words make."""
 
 _ABSENT = {letter: f"axis {letter}" for letter in "ABCUVW"} | {"D": "cutter compensation", "H": "tool length"}
 

@@ -18,7 +18,7 @@ from pkm_cnc.program.codes import ARCS, EVENTS, FEED, NO_MOTION, TRAVERSE, words
 from pkm_cnc.program.expressions import WHOLE
 from pkm_cnc.program.flow import executed_blocks
 from pkm_cnc.program.parameters import Key, Parameters
-from pkm_cnc.program.toolpath import EXACT_PATH, Element, Event, Line, PathMode, Plane, Toolpath
+from pkm_cnc.program.toolpath import EXACT_PATH, Element, Event, EventKind, Line, PathMode, Plane, Toolpath
 from pkm_cnc.records import Vector
 from pkm_cnc.tolerances import ARC_RADII_INCH, ARC_RADII_MM, ZERO_LENGTH
 
@@ -168,7 +168,7 @@ class _Interpreter:
             if not _GEOMETRY.isdisjoint(words) or mode in ARCS or machine_coordinates:
                 yield self._moved(self._motion(block, words, machine_coordinates))
             if "stop" in words:
-                yield self._event("M", words["stop"])
+                yield self._event(EVENTS[words["stop"]])
                 if words["stop"] in (2.0, 30.0):
                     return
 
@@ -178,34 +178,34 @@ class _Interpreter:
             self._path_length += element.length
         return motion
 
-    def _event(self, letter: str, code: float | None, value: float | None = None, text: str = "") -> Event:
-        return Event(self._line, EVENTS[letter, code], self._path_length, value, text)
+    def _event(self, kind: EventKind, value: float | None = None, text: str = "") -> Event:
+        return Event(self._line, kind, self._path_length, value, text)
 
     def _messages(self, block: Block) -> Iterator[Event]:
         for comment in block.comments:
             if comment[: len(_MESSAGE)].lower() == _MESSAGE:
-                yield self._event("(MSG", None, text=comment[len(_MESSAGE) : -1].strip())
+                yield self._event("message", text=comment[len(_MESSAGE) : -1].strip())
 
     # what concerns spindle, tool, coolant and time
 
     def _machine_words(self, block: Block, words: dict[str, float]) -> Iterator[Event]:
         if "S" in words:
             self._speed = self._not_negative(block, words, "S", "the spindle speed")
-            yield self._event("S", None, self._speed)
+            yield self._event("spindle_speed", self._speed)
         if "T" in words:
             self._tool = float(self._whole(block, words, "T", "the tool"))
-            yield self._event("T", None, self._tool)
+            yield self._event("tool_select", self._tool)
         if "tool change" in words:
-            yield self._event("M", 6.0, self._tool)
+            yield self._event("tool_change", self._tool)
         if "spindle" in words:
             code = words["spindle"]
-            yield self._event("M", code, None if code == 5.0 else self._speed)
+            yield self._event(EVENTS[code], None if code == 5.0 else self._speed)
         if "coolant" in words:
-            yield self._event("M", words["coolant"])
+            yield self._event(EVENTS[words["coolant"]])
         if words.get("non-modal") == 4.0:
             if "P" not in words:
                 raise block.error("G4 needs its time: P, in seconds")
-            yield self._event("G", 4.0, self._not_negative(block, words, "P", "the time"))
+            yield self._event("dwell", self._not_negative(block, words, "P", "the time"))
 
     # the modes
 

@@ -11,12 +11,12 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from pkm_cnc.records import Vector
 from pkm_cnc.tolerances import ZERO_LENGTH
 
-__all__ = ["EXACT_PATH", "Arc", "Element", "Event", "Line", "PathMode", "Plane", "Toolpath"]
+__all__ = ["EXACT_PATH", "Arc", "Element", "Event", "EventKind", "Line", "PathMode", "Plane", "Toolpath"]
 
 _NEWTON_STEPS = 60
 """Steps of the safeguarded Newton iteration: from any bracket, bisection alone would be down to rounding by then."""
@@ -55,15 +55,34 @@ class PathMode(NamedTuple):
 EXACT_PATH = PathMode("G61")
 
 
+EventKind = Literal[
+    "program_stop",
+    "optional_stop",
+    "program_end",
+    "spindle_speed",
+    "spindle_clockwise",
+    "spindle_counterclockwise",
+    "spindle_stop",
+    "tool_select",
+    "tool_change",
+    "mist_on",
+    "flood_on",
+    "coolant_off",
+    "dwell",
+    "message",
+]
+"""What a program can ask for besides motion."""
+
+
 class Event(NamedTuple):
     """What a program asks for besides motion, where it happens: between two motions, at `path_length` (m).
 
-    `line` is its line in the part program, `kind` one of the names in `pkm_cnc.program.codes.EVENTS`, `value` its
-    number: rpm, tool, seconds of a dwell; None where there is none. `text` is that of a message to the operator.
+    `line` is its line in the part program, `value` its number: rpm, tool, seconds of a dwell; None where there is none.
+    `text` is that of a message to the operator.
     """
 
     line: int
-    kind: str
+    kind: EventKind
     path_length: float
     value: float | None = None
     text: str = ""
