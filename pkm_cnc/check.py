@@ -75,7 +75,7 @@ def _check_points(setup: Setup, where: str, points: NDArray[np.float64]) -> None
 
 def _check_setpoints(setup: Setup, program: Program, toolpath: Toolpath) -> None:
     motion = setup.machine.setpoint_motion(setup.start_pose, setup.servo_period)
-    for segment, setpoints in _portions(Interpolator(toolpath, setup.motion, setup.servo_period)):
+    for segment, setpoints in _portions(Interpolator(toolpath, setup.motion, setup.servo_period, setup.drive_limits)):
         where = f"{program.name}:{toolpath.elements[segment].line}"
         table = np.array([setpoint[:9] for setpoint in setpoints])
         points = table[:, 0:3]

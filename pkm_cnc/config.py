@@ -18,7 +18,7 @@ import yaml
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics import Machine, in_space, load_kinematics
-from pkm_cnc.motion import MotionParameters
+from pkm_cnc.motion import DriveLimits, LimitParameters, MotionParameters
 from pkm_cnc.parameters import Parameter, Value, parameter, parameters_of, read_section
 from pkm_cnc.plant import ScaleParameters, ScrewParameters, TravelParameters
 from pkm_cnc.program import ProgramParameters
@@ -80,17 +80,19 @@ AXIS_SECTIONS: dict[str, type] = {
     "screw": ScrewParameters,
     "scale": ScaleParameters,
     "travel": TravelParameters,
+    "limits": LimitParameters,
 }
 
 
 @dataclass(frozen=True)
 class AxisSetup:
-    """One axis: drive, screw, linear scale and travel."""
+    """One axis: drive, screw, linear scale, travel, and limits of its setpoint."""
 
     drive: DriveParameters
     screw: ScrewParameters
     scale: ScaleParameters
     travel: TravelParameters
+    limits: LimitParameters
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,11 @@ class Setup:
     def servo_period(self) -> float:
         """Servo period T, s."""
         return self.servo_period_ns / NANOSECONDS
+
+    @property
+    def drive_limits(self) -> DriveLimits:
+        """What the planner of the motion needs to know of the drives."""
+        return DriveLimits.of(self.machine.motion, [axis.limits for axis in self.axes.values()])
 
     def to_yaml(self) -> str:
         """The machine file that makes this setup again, every default written out."""

@@ -65,7 +65,7 @@ def make_plant(setup: Setup, axis: str) -> AxisPlant:
 
 def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
     """Run a checked toolpath cycle by cycle. Raises MachineFault naming cycle and axis, after the cycles before it."""
-    interpolator = Interpolator(toolpath, setup.motion, setup.servo_period)
+    interpolator = Interpolator(toolpath, setup.motion, setup.servo_period, setup.drive_limits)
     motion = setup.machine.setpoint_motion(setup.start_pose, setup.servo_period)
     axes = _Axes(setup)
     monitor = ContourMonitor()

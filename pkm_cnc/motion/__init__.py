@@ -1,10 +1,25 @@
 """From toolpath and feed to the TCP setpoint of every cycle.
 
-`Interpolator` groups the elements of a toolpath into runs from stop to stop, plans the path speed of each as a
-`FeedProfile`, and answers cycle by cycle; `MotionParameters` is the section `motion` of a machine file.
+`Interpolator` takes a toolpath apart into pieces that are run and stops (`blending`), plans the path speed from stop to
+stop within the limits of TCP and drives (`planner`), and answers cycle by cycle. `MotionParameters` and
+`LimitParameters` are the sections `motion` and `limits` of a machine file, `DriveLimits` the drives as the planner needs
+them; `pieces` is what the TCP is sent along.
 """
 
-from pkm_cnc.motion.feed_profile import FeedProfile
-from pkm_cnc.motion.interpolator import Interpolator, MotionParameters
+from pkm_cnc.motion.blending import pieces
+from pkm_cnc.motion.feed_profile import Cell, FeedProfile, speeds_squared
+from pkm_cnc.motion.interpolator import Interpolator
+from pkm_cnc.motion.limits import DriveLimits, LimitParameters, MotionParameters
+from pkm_cnc.motion.piece import Piece
 
-__all__ = ["FeedProfile", "Interpolator", "MotionParameters"]
+__all__ = [
+    "Cell",
+    "DriveLimits",
+    "FeedProfile",
+    "Interpolator",
+    "LimitParameters",
+    "MotionParameters",
+    "Piece",
+    "pieces",
+    "speeds_squared",
+]

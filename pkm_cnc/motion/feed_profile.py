@@ -1,9 +1,11 @@
-"""The path speed over a run of elements: from rest to rest, as fast as feeds and acceleration allow.
+"""The path speed over a row of cells: as fast as their limits allow.
 
-Along the path the speed v(s) obeys v <= the feed of the element at s and |dv/dt| <= a. With w = v^2 the acceleration
-limit reads |dw/ds| <= 2 a, so one pass forward and one backward over the junctions give the largest speed at each of
-them (the whole run is looked ahead), and inside each element the fastest way from speed to speed is to accelerate,
-cruise at its feed if that is reached, and decelerate. That is the time optimum: no admissible v(s) is larger anywhere.
+With w = v^2 and the acceleration a along the path, d(w)/ds = 2 a, and over a cell of the path every limit is a straight
+line in w and a: w <= limit, and |a + r w| <= h (the path's own acceleration with r = 0; a drive's, du/ds a + d2u/ds2 w,
+with r and h divided by du/ds). One pass backward gives at each node the largest w from which the end can be reached, one
+forward the largest that is reached without passing it, and that is the time optimum on the grid of the nodes (Pham and
+Pham, TOPP-RA, 2018; here in closed form, because there are two unknowns). A cell that only the path's own acceleration
+limits may be of any length: inside it the fastest way is to speed up, to go at its limit if that is reached, to brake.
 """
 
 from __future__ import annotations
@@ -12,85 +14,114 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 from pkm_cnc.tolerances import SPEED_ROUNDING
 
-__all__ = ["FeedProfile"]
+__all__ = ["Cell", "FeedProfile", "speeds_squared"]
 
 Phase = tuple[int, float, float, float, float]
-"""Index of the element, path length from the element's start where the phase begins and where it ends, v0, a."""
+"""Index of the cell, path length from the cell's start where the phase begins and where it ends, v0, a."""
+
+
+class Cell(NamedTuple):
+    """A part of the path over which limits are taken as constant.
+
+    `length` m > 0; `limit` (m/s)^2 > 0, largest w inside; `lines` the pairs (r 1/m, h m/s^2 > 0) of |a + r w| <= h, w
+    that at the cell's start. `free`: the one line is r = 0.
+    """
+
+    length: float
+    limit: float
+    lines: tuple[tuple[float, float], ...]
+
+    @property
+    def free(self) -> bool:
+        """Nothing but a constant acceleration limits the cell, which may then be long."""
+        return len(self.lines) == 1 and self.lines[0][0] == 0.0
+
+
+def speeds_squared(
+    cells: Sequence[Cell], nodes: Sequence[float], start: float, end: float
+) -> tuple[list[float], bool]:
+    """Largest w, (m/s)^2, at the ends of the cells, one more than these, and whether `start` was not too fast for it.
+
+    `nodes` are limits of w at the ends of the cells; `start` and `end` w at both ends of the row.
+    """
+    reachable = list(nodes)
+    reachable[-1] = min(reachable[-1], end)
+    for i in range(len(cells) - 1, -1, -1):
+        cell = cells[i]
+        step, w, bound = 2.0 * cell.length, reachable[i + 1], reachable[i]
+        for r, h in cell.lines:
+            slope = 1.0 - step * r
+            if slope > 0.0:
+                bound = min(bound, (w + step * h) / slope)
+        reachable[i] = bound
+    held = start <= reachable[0] * (1.0 + 1e-12)
+    squares = [min(start, reachable[0])]
+    for cell, bound in zip(cells, reachable[1:], strict=True):
+        w = squares[-1]
+        a = min([h - r * w for r, h in cell.lines])
+        squares.append(max(min(w + 2.0 * cell.length * a, bound), 0.0))
+    return squares, held
 
 
 class FeedProfile:
-    """Time-optimal path speed from rest to rest over elements of given lengths and feeds.
+    """The path speed over `cells` with w = v^2, (m/s)^2, at their ends, of which there is one more than cells.
 
-    `lengths` m and `feeds` m/s, both > 0, one of each per element; `acceleration` m/s^2 > 0 bounds the change of the
-    path speed in both directions. `duration` is in s. Planning takes time and memory linear in the number of elements.
-    Raises ValueError for no elements, for unequal numbers of lengths and feeds, and for what is not finite and above 0.
+    `squares` are as `speeds_squared` gives them. `duration` is in s.
     """
 
-    def __init__(self, lengths: Sequence[float], feeds: Sequence[float], acceleration: float) -> None:
-        if not lengths or len(lengths) != len(feeds):
-            raise ValueError(f"{len(lengths)} lengths and {len(feeds)} feeds: equal numbers of at least one wanted")
-        for name, values in (("length", lengths), ("feed", feeds), ("acceleration", (acceleration,))):
-            for index, value in enumerate(values):
-                if not 0.0 < value < math.inf:
-                    raise ValueError(f"{name} {index} is {value}, not a finite number above 0")
+    def __init__(self, cells: Sequence[Cell], squares: Sequence[float]) -> None:
         self._times: list[float] = []
         self._phases: list[Phase] = []
         time = rest = 0.0
-        for duration, phase in _phases(lengths, feeds, acceleration):
+        for duration, phase in _phases(cells, squares):
             self._times.append(time)
             self._phases.append(phase)
             end = time + (duration + rest)
             rest += duration - (end - time)  # Kahan summation: the error of the sum does not grow with its terms
             time = end
         self.duration = time
-        self._end = len(lengths) - 1, lengths[-1], 0.0, 0.0
+        self._end = len(cells) - 1, cells[-1].length, math.sqrt(squares[-1]), 0.0
 
     def at(self, t: float) -> tuple[int, float, float, float]:
-        """Element, path length from the element's start (m), path speed (m/s) and acceleration (m/s^2) at t >= 0 s.
+        """Cell, path length from the cell's start (m), path speed (m/s) and acceleration (m/s^2) at t >= 0 s.
 
-        From `duration` on it is the end at rest, exactly. The path length is counted within the element, so that it is
-        as exact after many elements as in the first.
+        From `duration` on it is the end, exactly. The path length is counted within the cell, so that it is as exact
+        after many cells as in the first.
         """
         if t >= self.duration:
             return self._end
         index = bisect_right(self._times, t) - 1
-        element, begin, end, v, a = self._phases[index]
+        cell, begin, end, v, a = self._phases[index]
         dt = t - self._times[index]
-        return element, min(begin + dt * (v + 0.5 * a * dt), end), max(v + a * dt, 0.0), a
+        return cell, min(begin + dt * (v + 0.5 * a * dt), end), max(v + a * dt, 0.0), a
 
 
-def _phases(lengths: Sequence[float], feeds: Sequence[float], acceleration: float) -> Iterator[tuple[float, Phase]]:
+def _phases(cells: Sequence[Cell], squares: Sequence[float]) -> Iterator[tuple[float, Phase]]:
     """Duration and phase, in order.
 
-    An element that only speeds up, or only brakes, gets that one phase: a sliver of the opposite sign left by rounding
+    A cell that only speeds up, or only brakes, gets that one phase: a sliver of the opposite sign left by rounding
     would show in the acceleration of a cycle that falls on it.
     """
-    squares = _junction_squares(lengths, feeds, acceleration)
-    for element, (length, feed, (w0, w1)) in enumerate(zip(lengths, feeds, pairwise(squares), strict=True)):
-        limit = feed * feed
-        peak = max(w0, w1, min(limit, 0.5 * (w0 + w1) + acceleration * length))
+    for index, (cell, (w0, w1)) in enumerate(zip(cells, pairwise(squares), strict=True)):
+        length = cell.length
+        if not cell.free:
+            v0, v1 = math.sqrt(w0), math.sqrt(w1)
+            yield 2.0 * length / (v0 + v1), (index, 0.0, length, v0, (w1 - w0) / (2.0 * length))
+            continue
+        acceleration = cell.lines[0][1]
+        peak = max(w0, w1, min(cell.limit, 0.5 * (w0 + w1) + acceleration * length))
         v0, v, v1 = math.sqrt(w0), math.sqrt(peak), math.sqrt(w1)
         speeds_up = v - v0 > SPEED_ROUNDING * v
         brakes = v - v1 > SPEED_ROUNDING * v
         cruise = min((peak - w0) / (2.0 * acceleration), length) if speeds_up else 0.0
         brake = max(length - (peak - w1) / (2.0 * acceleration), cruise) if brakes else length
         if speeds_up:
-            yield (v - v0) / acceleration, (element, 0.0, cruise, v0, acceleration)
-        if peak == limit or not (speeds_up or brakes):
-            yield (brake - cruise) / v, (element, cruise, brake, v, 0.0)
+            yield (v - v0) / acceleration, (index, 0.0, cruise, v0, acceleration)
+        if peak == cell.limit or not (speeds_up or brakes):
+            yield (brake - cruise) / v, (index, cruise, brake, v, 0.0)
         if brakes:
-            yield (v - v1) / acceleration, (element, brake, length, v, -acceleration)
-
-
-def _junction_squares(lengths: Sequence[float], feeds: Sequence[float], acceleration: float) -> list[float]:
-    """Squares of the largest speeds at both ends of every element, one more than there are elements."""
-    limits = [0.0, *map(min, pairwise(feeds)), 0.0]
-    squares = [limit * limit for limit in limits]
-    for i, length in enumerate(lengths):
-        squares[i + 1] = min(squares[i + 1], squares[i] + 2.0 * acceleration * length)
-    for i in range(len(lengths) - 1, -1, -1):
-        squares[i] = min(squares[i], squares[i + 1] + 2.0 * acceleration * lengths[i])
-    return squares
+            yield (v - v1) / acceleration, (index, brake, length, v, -acceleration)

@@ -40,7 +40,9 @@ class InterpolatorNode(GraphNode):
             raise InputError(f"parameter pacing: {self._pacing!r} is not one of {', '.join(PACINGS)}")
         self._program = read_program(self.run["program"])
         self._toolpath = prepare(self.setup, self._program)
-        self._interpolator = Interpolator(self._toolpath, self.setup.motion, self.setup.servo_period)
+        self._interpolator = Interpolator(
+            self._toolpath, self.setup.motion, self.setup.servo_period, self.setup.drive_limits
+        )
         self._cycle = 0
         self._announced = 0
         self._in_position = True

@@ -1,0 +1,164 @@
+"""What the TCP is sent along: lines and arcs of the programmed contour, trimmed, and the curves that join them."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from pkm_cnc.program import PathMode
+from pkm_cnc.records import Vector
+
+__all__ = ["Curve", "Mark", "Piece", "Shape"]
+
+INTERVALS = 16
+"""Knots of a curve's parameter by its length: the length is then right to 1e-6 of itself."""
+GAUSS = (-math.sqrt(0.6), 5.0 / 18.0), (0.0, 8.0 / 18.0), (math.sqrt(0.6), 5.0 / 18.0)
+"""Places in [-1, 1] and weights (sum 1) of the quadrature in each interval."""
+
+
+class Shape(Protocol):
+    """A line, an arc or a curve, by its path length s, m."""
+
+    @property
+    def length(self) -> float:
+        """Path length, m."""
+
+    def position(self, s: float) -> Vector:
+        """Point at `s`, m, in `base_link`."""
+
+    def tangent(self, s: float) -> Vector:
+        """Unit tangent at `s`."""
+
+    def curvature(self, s: float) -> Vector:
+        """Derivative of the tangent by s at `s`, 1/m."""
+
+
+class Mark(NamedTuple):
+    """From `s` (m, on the shape) on a piece stands for `segment` of the toolpath, at `path_length` + `rate` (s' - s)."""
+
+    s: float
+    segment: int
+    path_length: float
+    rate: float
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """`length` m of `shape` from `begin` m on, at most at `feed` m/s.
+
+    `line` is that of the part program; `stop`: the TCP rests at its end. `mode` tells how it goes on to the next piece,
+    `traverse` a rapid.
+    """
+
+    shape: Shape
+    begin: float
+    length: float
+    feed: float
+    line: int
+    marks: tuple[Mark, ...]
+    mode: PathMode
+    traverse: bool
+    stop: bool = False
+
+    def place(self, s: float) -> tuple[int, float]:
+        """Segment of the toolpath and path length along it, m, at `s` (m, on the shape)."""
+        marks = self.marks
+        index = bisect_right(marks, s, key=lambda mark: mark.s) - 1 if len(marks) > 1 else 0
+        mark = marks[max(index, 0)]
+        return mark.segment, mark.path_length + mark.rate * (s - mark.s)
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A quintic that leaves one element and meets the next with their tangents and curvatures.
+
+    With the parameter p in [0, 1], B(p) has at both ends the position, the tangent times `speed` (m) and the curvature
+    times speed^2. `start` and `end` are (position, tangent, curvature). The path length is the integral of |dB/dp|.
+    """
+
+    start: tuple[Vector, Vector, Vector]
+    end: tuple[Vector, Vector, Vector]
+    speed: float
+    length: float = field(init=False, repr=False, compare=False)
+    _coefficients: tuple[tuple[float, ...], ...] = field(init=False, repr=False, compare=False)
+    _s: tuple[float, ...] = field(init=False, repr=False, compare=False)
+    _slope: tuple[float, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        g = self.speed
+        rows = []
+        for p0, t0, c0, p1, t1, c1 in zip(*self.start, *self.end, strict=True):
+            v0, v1, a0, a1, d = g * t0, g * t1, g * g * c0, g * g * c1, p1 - p0
+            rows.append(
+                (
+                    p0,
+                    v0,
+                    0.5 * a0,
+                    10.0 * d - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1,
+                    -15.0 * d + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1,
+                    6.0 * d - 3.0 * (v0 + v1) - 0.5 * (a0 - a1),
+                )
+            )
+        object.__setattr__(self, "_coefficients", tuple(rows))
+        middles = (np.arange(INTERVALS) + 0.5) / INTERVALS
+        lengths = np.zeros(INTERVALS)
+        for place, weight in GAUSS:
+            lengths += weight / INTERVALS * self._rate(middles + 0.5 * place / INTERVALS)
+        ends = [0.0, *np.cumsum(lengths).tolist()]
+        object.__setattr__(self, "_s", tuple(ends))
+        object.__setattr__(self, "_slope", tuple((1.0 / self._rate(np.arange(INTERVALS + 1) / INTERVALS)).tolist()))
+        object.__setattr__(self, "length", ends[-1])
+
+    def _rate(self, p: np.ndarray) -> np.ndarray:
+        """|dB/dp|, m."""
+        square = 0.0 * p
+        for _, b, c, d, e, f in self._coefficients:
+            component = b + p * (2.0 * c + p * (3.0 * d + p * (4.0 * e + p * 5.0 * f)))
+            square = square + component * component
+        return np.asarray(np.sqrt(square))
+
+    def _parameter(self, s: float) -> float:
+        """p at `s`: a cubic between the knots, whose slopes dp/ds are known."""
+        ends = self._s
+        k = min(max(bisect_right(ends, s) - 1, 0), INTERVALS - 1)
+        step = ends[k + 1] - ends[k]
+        x = (s - ends[k]) / step
+        y = 1.0 - x
+        m0, m1, dp = step * self._slope[k], step * self._slope[k + 1], 1.0 / INTERVALS
+        return k * dp + x * (x * (3.0 - 2.0 * x) * dp + y * (y * m0 - x * m1))
+
+    def position(self, s: float) -> Vector:
+        """Point at path length `s` (m), exactly the ends at and beyond them."""
+        if s <= 0.0:
+            return self.start[0]
+        if s >= self.length:
+            return self.end[0]
+        p = self._parameter(s)
+        x, y, z = [a + p * (b + p * (c + p * (d + p * (e + p * f)))) for a, b, c, d, e, f in self._coefficients]
+        return x, y, z
+
+    def tangent(self, s: float) -> Vector:
+        """Unit tangent at path length `s` (m)."""
+        (x, y, z), rate, _ = self._derivatives(s)
+        return x / rate, y / rate, z / rate
+
+    def curvature(self, s: float) -> Vector:
+        """Derivative of the tangent by the path length (1/m) at `s` (m)."""
+        (x, y, z), rate, second = self._derivatives(s)
+        square = rate * rate
+        along = (x * second[0] + y * second[1] + z * second[2]) / square
+        return (second[0] - along * x) / square, (second[1] - along * y) / square, (second[2] - along * z) / square
+
+    def _derivatives(self, s: float) -> tuple[Vector, float, Vector]:
+        p = self._parameter(min(max(s, 0.0), self.length))
+        first, second = [], []
+        for _, b, c, d, e, f in self._coefficients:
+            first.append(b + p * (2.0 * c + p * (3.0 * d + p * (4.0 * e + p * 5.0 * f))))
+            second.append(2.0 * c + p * (6.0 * d + p * (12.0 * e + p * 20.0 * f)))
+        x, y, z = first
+        sx, sy, sz = second
+        return (x, y, z), math.sqrt(x * x + y * y + z * z), (sx, sy, sz)
