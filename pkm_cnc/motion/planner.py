@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterator
-from itertools import chain, islice
+from itertools import chain, islice, pairwise
 from typing import NamedTuple
 
 from pkm_cnc.errors import MachineFault
@@ -38,6 +38,11 @@ GROUP = 32
 """Pieces cut into cells together."""
 LOCAL_ROUNDS, ROUNDS = 30, 60
 """Rounds of slowing down where a limit is exceeded; then of all of the block; more are a fault."""
+FIRMNESS = 2.4
+"""1. w falls with this power of the factor by which a place is too fast: with 2 the rounds end as well, but there are
+twice as many, because an acceleration that falls with w makes a smoothed jerk fall with w too, not with its power 1.5."""
+TAPER = 0.2
+"""1. The part of the acceleration that is spent on entering and leaving a place that is slowed down."""
 
 
 class Planner:
@@ -144,7 +149,7 @@ class _Move:
             worst = max(excess)
             if worst <= 1.0 + LIMIT_EXCESS:
                 return _Plan(squares, self._final(cells, nodes, squares) // 2, samples, setpoints)
-            self._slow_down(samples, [worst] * len(excess) if attempt >= LOCAL_ROUNDS else excess)
+            self._slow_down(samples, [worst] * len(excess) if attempt >= LOCAL_ROUNDS else excess, squares)
         raise MachineFault(
             f"line {self._cells[0].piece.line}: from here on the limits cannot be kept (motion.jerk, limits): after "
             f"{ROUNDS} attempts the motion is still {100.0 * (worst - 1.0):.3g} % too fast"
@@ -217,19 +222,31 @@ class _Move:
             return exact_setpoints(samples)
         return mean_setpoints([*self._past, *samples], self._planner.taps, self._places)
 
-    def _slow_down(self, samples: list[Sample], excess: list[float]) -> None:
-        """Lower the limits of the cells in which the setpoints are made that exceed theirs."""
+    def _slow_down(self, samples: list[Sample], excess: list[float], squares: list[float]) -> None:
+        """Lower the limits of the cells in which the setpoints are made that exceed theirs, and less and less beside.
+
+        A step in the limits would cost an acceleration there and be the next place to exceed one.
+        """
         taps, last = self._planner.taps, len(samples) - 1
         paths = [sample.path for sample in (*self._past, *samples)]  # the mean of cycle k is of k to k + taps - 1
-        factors: dict[int, float] = {}
+        lowered = [1.0] * len(self._slow)
         for k, factor in enumerate(excess):
             if factor > 1.0:
                 begin = bisect_right(self._starts, paths[max(k - BEFORE, 0)]) - 1
                 end = bisect_right(self._starts, paths[min(k + 1, last) + taps - 1])
-                for index in range(max(begin, 0), min(end, len(self._slow))):
-                    factors[index] = max(factors.get(index, 1.0), factor)
-        for index, factor in factors.items():
-            self._slow[index] /= factor * factor
+                for index in range(max(begin, 0), min(end, len(lowered))):
+                    lowered[index] = min(lowered[index], factor**-FIRMNESS)
+        slope = 2.0 * TAPER * self._planner.motion.acceleration
+        rises = [
+            slope * (end - begin) / max(w0, w1)
+            for (begin, end), (w0, w1) in zip(pairwise(self._starts), pairwise(squares), strict=True)
+        ]
+        for order in (range(1, len(lowered)), range(len(lowered) - 2, -1, -1)):
+            for index in order:
+                neighbour = lowered[index - order.step]
+                if neighbour < 1.0:
+                    lowered[index] = min(lowered[index], neighbour + rises[index])
+        self._slow = [slow * factor for slow, factor in zip(self._slow, lowered, strict=True)]
 
     def _commit(self, plan: _Plan) -> int:
         """Leave the final cells behind; return how many setpoints that makes."""
