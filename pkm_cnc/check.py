@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics import reached_rows
-from pkm_cnc.motion import Interpolator
-from pkm_cnc.program import Arc, Line, Program, Toolpath, interpret
+from pkm_cnc.motion import Curve, Interpolator, Shape, pieces
+from pkm_cnc.program import Program, Toolpath, interpret
 from pkm_cnc.records import TcpSetpoint
+from pkm_cnc.tolerances import LIMIT_EXCESS
 
 __all__ = ["check_toolpath", "prepare"]
 
@@ -43,26 +44,31 @@ def prepare(setup: Setup, program: Program) -> Toolpath:
 
 
 def check_toolpath(setup: Setup, program: Program, toolpath: Toolpath) -> None:
-    """Check every element along its length against workspace, singularities and drive travel.
+    """Check every element along its length against workspace, singularities and drive travel, and what rounds corners.
 
     Where the joints depend on what came before (`Machine.setpoint_motion`), every setpoint too, as the run will have
-    it; but not with motion.wait_in_position, because how long a run waits is not known before: it faults by itself.
+    it, and there speed and acceleration of the drives, whose limits the planner keeps elsewhere by going slower; but
+    not with motion.wait_in_position, because how long a run waits is not known before: it faults by itself.
     Raises InputError naming program, line, strut or axis, the place and by how much.
     """
     for element in toolpath.elements:
-        _check_element(setup, f"{program.name}:{element.line}", element)
+        _check_along(setup, f"{program.name}:{element.line}", element)
+    for piece in pieces(toolpath.elements, setup.motion, smooth=True):
+        if isinstance(piece.shape, Curve):
+            _check_along(setup, f"{program.name}:{piece.line}", piece.shape)
     static = setup.machine.setpoint_motion(setup.start_pose, setup.servo_period) == setup.machine.motion
     if not static and not setup.motion.wait_in_position:
         _check_setpoints(setup, program, toolpath)
 
 
-def _check_element(setup: Setup, where: str, element: Line | Arc) -> None:
+def _check_along(setup: Setup, where: str, shape: Shape) -> None:
+    length = shape.length
     # The ends first: a coordinate with a zero too many is refused before a path of that length is looked at.
-    _check_points(setup, where, np.array([element.start, element.end]))
-    steps = max(1, math.ceil(element.length / SAMPLING))
+    _check_points(setup, where, np.array([shape.position(0.0), shape.position(length)]))
+    steps = max(1, math.ceil(length / SAMPLING))
     for first in range(0, steps + 1, PORTION):
         places = range(first, min(first + PORTION, steps + 1))
-        _check_points(setup, where, np.array([element.position(element.length * step / steps) for step in places]))
+        _check_points(setup, where, np.array([shape.position(length * step / steps) for step in places]))
 
 
 def _check_points(setup: Setup, where: str, points: NDArray[np.float64]) -> None:
@@ -79,10 +85,30 @@ def _check_setpoints(setup: Setup, program: Program, toolpath: Toolpath) -> None
         where = f"{program.name}:{toolpath.elements[segment].line}"
         table = np.array([setpoint[:9] for setpoint in setpoints])
         points = table[:, 0:3]
-        joints, refusal = reached_rows(lambda *vectors: motion(*vectors)[0], points, table[:, 3:6], table[:, 6:9])
+        rows, refusal = reached_rows(
+            lambda *vectors: np.stack(motion(*vectors), axis=-1), points, table[:, 3:6], table[:, 6:9]
+        )
         if refusal is not None:
-            raise InputError(f"{where}: outside the workspace {_place(setup, points[len(joints)])}: {refusal}")
-        _check_joints(setup, where, points, joints)
+            raise InputError(f"{where}: outside the workspace {_place(setup, points[len(rows)])}: {refusal}")
+        _check_joints(setup, where, points, rows[:, :, 0])
+        _check_rates(setup, where, points, rows)
+
+
+def _check_rates(setup: Setup, where: str, points: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
+    """`rows` (k, n, 3): position, speed, acceleration of each drive."""
+    for column, (axis, axis_setup) in enumerate(setup.axes.items()):
+        limits = axis_setup.limits
+        for kind, name, unit, limit in (
+            (1, "velocity", "m/s", limits.velocity),
+            (2, "acceleration", "m/s^2", limits.acceleration),
+        ):
+            values = np.abs(rows[:, column, kind])
+            row = int(np.argmax(values))
+            if values[row] > limit * (1.0 + LIMIT_EXCESS):
+                raise InputError(
+                    f"{where}: {axis} is over its limit {_place(setup, points[row])}: {values[row]:.6g} {unit} is more "
+                    f"than {limit:g} {unit} ({axis}.limits.{name}); a lower feed or motion.acceleration helps"
+                )
 
 
 def _portions(interpolator: Interpolator) -> Iterator[tuple[int, list[TcpSetpoint]]]:

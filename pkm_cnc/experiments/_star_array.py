@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pkm_cnc.array_path import respond
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import MachineFault, UnreachableError
-from pkm_cnc.motion import FeedProfile
+from pkm_cnc.motion import Cell, FeedProfile
 
 __all__ = ["LineMotion", "StarErrors", "line_motion", "star_errors"]
 
@@ -46,8 +46,12 @@ class StarErrors(NamedTuple):
 
 
 def line_motion(setup: Setup, length: float, feed: float) -> LineMotion:
-    """The motion along a line of `length` (m) at `feed` (m/s) until the tool has passed three quarters of it."""
-    profile = FeedProfile([length], [feed], setup.motion.acceleration)
+    """The motion along a line of `length` (m) at `feed` (m/s) until the tool has passed three quarters of it.
+
+    Only motion.acceleration limits it: no limit of a drive, no jerk.
+    """
+    line = Cell(length, feed * feed, ((0.0, setup.motion.acceleration),))
+    profile = FeedProfile([line], [0.0, 0.0])
     lag = SETTLED / min(parts.drive.kv for parts in setup.axes.values())
     passed = profile.duration - (0.25 * length) / feed  # at the latest: the rest takes longer than at full feed
     cycles = math.ceil((passed + lag) / setup.servo_period)

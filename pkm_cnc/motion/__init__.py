@@ -1,25 +1,27 @@
 """From toolpath and feed to the TCP setpoint of every cycle.
 
-`Interpolator` takes a toolpath apart into pieces that are run and stops (`blending`), plans the path speed from stop to
-stop within the limits of TCP and drives (`planner`), and answers cycle by cycle. `MotionParameters` and
-`LimitParameters` are the sections `motion` and `limits` of a machine file, `DriveLimits` the drives as the planner needs
-them; `pieces` is what the TCP is sent along.
+`Interpolator` takes a toolpath apart into pieces that are run and stops (`blending`), plans the path speed from stop
+to stop within the limits of TCP and drives (`planner`), and answers cycle by cycle. `MotionParameters` and
+`LimitParameters` are the sections `motion` and `limits` of a machine file, `DriveLimits` the drives as the planner
+needs them; `pieces` is what the TCP is sent along.
 """
 
 from pkm_cnc.motion.blending import pieces
 from pkm_cnc.motion.feed_profile import Cell, FeedProfile, speeds_squared
 from pkm_cnc.motion.interpolator import Interpolator
 from pkm_cnc.motion.limits import DriveLimits, LimitParameters, MotionParameters
-from pkm_cnc.motion.piece import Piece
+from pkm_cnc.motion.piece import Curve, Piece, Shape
 
 __all__ = [
     "Cell",
+    "Curve",
     "DriveLimits",
     "FeedProfile",
     "Interpolator",
     "LimitParameters",
     "MotionParameters",
     "Piece",
+    "Shape",
     "pieces",
     "speeds_squared",
 ]

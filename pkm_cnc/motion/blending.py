@@ -23,7 +23,7 @@ from pkm_cnc.motion.limits import MotionParameters
 from pkm_cnc.motion.piece import Curve, Mark, Piece
 from pkm_cnc.program import Arc, Element, Line, PathMode
 from pkm_cnc.records import Vector
-from pkm_cnc.tolerances import ZERO_LENGTH
+from pkm_cnc.tolerances import TIE, ZERO_LENGTH
 
 __all__ = ["pieces"]
 
@@ -56,7 +56,7 @@ def pieces(elements: Iterable[Element], parameters: MotionParameters, smooth: bo
             curve = None
             if _stops(before, after, parameters):
                 before = dataclasses.replace(before, stop=True)
-            elif before.mode.code == "G64":
+            elif _rounded(before.mode, parameters):
                 curve = _curve(before, after, parameters, smooth)
             if curve is not None:
                 reach, joint = curve
@@ -93,6 +93,11 @@ def _tolerances(mode: PathMode, parameters: MotionParameters) -> tuple[float, fl
     tolerance = parameters.blend_tolerance if mode.tolerance is None else mode.tolerance
     joining = min(mode.naive_cam or 0.0, 0.5 * tolerance)
     return tolerance - joining, joining
+
+
+def _rounded(mode: PathMode, parameters: MotionParameters) -> bool:
+    """Whether corners are; G64 P0 is G61."""
+    return mode.code == "G64" and _tolerances(mode, parameters)[0] > TIE
 
 
 def _in_line(held: list[Element], element: Element, parameters: MotionParameters) -> bool:
@@ -135,7 +140,7 @@ def _stops(before: Piece, after: Piece, parameters: MotionParameters) -> bool:
     if before.traverse or after.traverse or before.mode.code == "G61.1":
         return True
     angle = _angle(before, after)
-    if before.mode.code == "G64":
+    if _rounded(before.mode, parameters):
         return math.cos(angle) < TURNS_BACK
     return angle > parameters.tangent_angle
 

@@ -1,11 +1,12 @@
 """The path speed over a row of cells: as fast as their limits allow.
 
-With w = v^2 and the acceleration a along the path, d(w)/ds = 2 a, and over a cell of the path every limit is a straight
-line in w and a: w <= limit, and |a + r w| <= h (the path's own acceleration with r = 0; a drive's, du/ds a + d2u/ds2 w,
-with r and h divided by du/ds). One pass backward gives at each node the largest w from which the end can be reached, one
-forward the largest that is reached without passing it, and that is the time optimum on the grid of the nodes (Pham and
-Pham, TOPP-RA, 2018; here in closed form, because there are two unknowns). A cell that only the path's own acceleration
-limits may be of any length: inside it the fastest way is to speed up, to go at its limit if that is reached, to brake.
+With w = v^2 and the acceleration a along the path, dw/ds = 2 a, and over a cell of the path every limit is a straight
+line in w and a: w <= limit, and |a + r w| <= h (the path's own acceleration with r = 0; that of a drive, du/ds a +
+d2u/ds2 w, with r and h divided by du/ds). One pass backward gives at each node the largest w from which the end can be
+reached, one forward the largest that is reached without passing it, and that is the time optimum on the grid of the
+nodes (Pham and Pham, TOPP-RA, 2018; here in closed form, because there are two unknowns). A cell that only the path's
+own acceleration limits may be of any length: inside it the fastest way is to speed up, to go at its limit if that is
+reached, to brake.
 """
 
 from __future__ import annotations
@@ -41,9 +42,7 @@ class Cell(NamedTuple):
         return len(self.lines) == 1 and self.lines[0][0] == 0.0
 
 
-def speeds_squared(
-    cells: Sequence[Cell], nodes: Sequence[float], start: float, end: float
-) -> tuple[list[float], bool]:
+def speeds_squared(cells: Sequence[Cell], nodes: Sequence[float], start: float, end: float) -> tuple[list[float], bool]:
     """Largest w, (m/s)^2, at the ends of the cells, one more than these, and whether `start` was not too fast for it.
 
     `nodes` are limits of w at the ends of the cells; `start` and `end` w at both ends of the row.

@@ -34,8 +34,8 @@ class MotionParameters:
     )
     jerk: float = parameter(
         0.0,
-        "Largest change of the TCP's acceleration vector per time; 0 = any. The default is 0, as the experiments of the "
-        "thesis have it; machine tools have 20 to 500 m/s^3.",
+        "Largest change of the TCP's acceleration vector per time; 0 = any. The default is 0, as the experiments of "
+        "the thesis have it; machine tools have 20 to 500 m/s^3.",
         unit="m/s^3",
         minimum=0.0,
     )

@@ -1,8 +1,8 @@
 """From pieces of the path to cells with limits: what TCP and drives allow at each place, whatever the speed before.
 
 Along the path a drive has du/dt = u' v and d2u/dt2 = u' a + u'' v^2, its derivatives by the path length u' = J t and
-u'' = J c + (dJ/ds) t with tangent t and curvature c. So its limits are v <= vmax / |u'|, |u' a + u'' w| <= amax, and at a
-steady speed |u'''| v^3 <= jmax. The TCP has v <= feed, |c| v^2 <= centripetal acceleration, |a| <= acceleration and
+u'' = J c + (dJ/ds) t with tangent t and curvature c. So its limits are v <= vmax / |u'|, |u' a + u'' w| <= amax, and at
+a steady speed |u'''| v^3 <= jmax. The TCP has v <= feed, |c| v^2 <= centripetal acceleration, |a| <= acceleration and
 |dc/ds| v^3 <= jerk.
 
 Where two pieces meet, the velocity may jump by no more than an acceleration changes it within one servo period, and the
@@ -148,7 +148,9 @@ def _piece_cells(
             for k in range(count)
         ]
     ends = [
-        PieceEnd(*(part[row] for part in samples), node, length)
+        PieceEnd(
+            samples.tangent[row], samples.curvature[row], samples.first[row], samples.second[row], node, piece.length
+        )
         for row, node in ((0, nodes[0]), (-1, nodes[-1]))
     ]
     return planned, ends[0], ends[1]

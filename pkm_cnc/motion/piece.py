@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pkm_cnc.program import PathMode
 from pkm_cnc.records import Vector
@@ -38,7 +39,7 @@ class Shape(Protocol):
 
 
 class Mark(NamedTuple):
-    """From `s` (m, on the shape) on a piece stands for `segment` of the toolpath, at `path_length` + `rate` (s' - s)."""
+    """From `s` (m, on the shape) on, s' stands for `path_length` + `rate` (s' - s) of the toolpath, in `segment`."""
 
     s: float
     segment: int
@@ -113,7 +114,7 @@ class Curve:
         object.__setattr__(self, "_slope", tuple((1.0 / self._rate(np.arange(INTERVALS + 1) / INTERVALS)).tolist()))
         object.__setattr__(self, "length", ends[-1])
 
-    def _rate(self, p: np.ndarray) -> np.ndarray:
+    def _rate(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """|dB/dp|, m."""
         square = 0.0 * p
         for _, b, c, d, e, f in self._coefficients:

@@ -7,9 +7,9 @@
 3. What TCP and drives do is computed for every servo cycle; where something is over its limit, the cells there are
    slowed down as much as it is over, and the profile is made anew.
 
-The path is planned in blocks, each as if the TCP stopped at its end. What does not depend on that - where the profile is
-the same if the TCP goes on as fast as it can - is sent, the rest planned again with what follows. So the path ahead is
-as long as needed, and memory does not grow with the path.
+The path is planned in blocks, each as if the TCP stopped at its end. What does not depend on that - where the profile
+is the same if the TCP goes on as fast as it can - is sent, the rest planned again with what follows. So the path ahead
+is as long as needed, and memory does not grow with the path.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ LOCAL_ROUNDS, ROUNDS = 30, 60
 """Rounds of slowing down where a limit is exceeded; then of all of the block; more are a fault."""
 FIRMNESS = 2.4
 """1. w falls with this power of the factor by which a place is too fast: with 2 the rounds end as well, but there are
-twice as many, because an acceleration that falls with w makes a smoothed jerk fall with w too, not with its power 1.5."""
+twice as many, because the acceleration falls with w, and with it a smoothed jerk, not with the power 1.5 of w."""
 TAPER = 0.2
 """1. The part of the acceleration that is spent on entering and leaving a place that is slowed down."""
 
@@ -56,7 +56,9 @@ class Planner:
         self.drives = drives
         self.period = period
         ramps = [motion.acceleration / motion.jerk] if motion.jerk else []
-        ramps += [a / j for a, j in zip(drives.acceleration.tolist(), drives.jerk.tolist(), strict=True) if j < math.inf]
+        ramps += [
+            a / j for a, j in zip(drives.acceleration.tolist(), drives.jerk.tolist(), strict=True) if j < math.inf
+        ]
         self.taps = max(math.ceil(max(ramps) / period), 2) if ramps else 1
 
     def move(self, first: Piece, others: Iterator[Piece]) -> Iterator[TcpSetpoint]:

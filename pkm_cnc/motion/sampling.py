@@ -29,9 +29,7 @@ def exact_setpoints(samples: Sequence[Sample]) -> list[TcpSetpoint]:
     return [_setpoint(sample.piece, sample.s, sample.v, sample.a) for sample in samples]
 
 
-def mean_setpoints(
-    samples: Sequence[Sample], taps: int, places: Sequence[tuple[float, Piece]]
-) -> list[TcpSetpoint]:
+def mean_setpoints(samples: Sequence[Sample], taps: int, places: Sequence[tuple[float, Piece]]) -> list[TcpSetpoint]:
     """The setpoint of the mean of each sample but the first `taps` - 1 and of as many before it.
 
     `places` are the pieces with the path length, m, at which they begin, from the first of the samples on. The mean of

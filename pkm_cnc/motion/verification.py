@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,7 @@ BEFORE = 2
 """Setpoints before the first that is judged: the jerk of a cycle takes three."""
 
 
-def slow_downs(
-    setpoints: Sequence[TcpSetpoint], motion: MotionParameters, drives: DriveLimits, period: float
-) -> Array:
+def slow_downs(setpoints: Sequence[TcpSetpoint], motion: MotionParameters, drives: DriveLimits, period: float) -> Array:
     """By what factor the time of each setpoint but the first two must be stretched to keep all limits; shape (k - 2,).
 
     Stretched by f, speeds fall by f, accelerations by f^2 and jerks by f^3. 1 or less: kept. Speed and acceleration of
@@ -41,7 +40,7 @@ def slow_downs(
     if motion.jerk > 0.0:
         jerk = np.diff(velocity, n=2, axis=0) / (period * period)
         np.maximum(found, np.cbrt(_norm(jerk) / motion.jerk), out=found)
-    return found
+    return np.asarray(found)
 
 
 def _worst(values: Array, limits: Array) -> Array:
@@ -55,6 +54,6 @@ def _across(velocity: Array, acceleration: Array) -> Array:
     return np.asarray(_norm(cross) / np.where(speed > 0.0, speed, np.inf))
 
 
-def _norm(vectors: Array) -> Array:
+def _norm(vectors: NDArray[Any]) -> Array:
     x, y, z = vectors.T
     return np.asarray(np.sqrt(x * x + y * y + z * z))

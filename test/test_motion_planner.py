@@ -1,0 +1,188 @@
+"""The planner: limits of TCP and drives at every servo period, judged by differences; times by closed forms."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from motion import PERIOD, arc, line, moved, polyline, used
+
+from pkm_cnc.config import Setup, load_setup
+from pkm_cnc.errors import MachineFault
+from pkm_cnc.motion import MotionParameters, pieces
+from pkm_cnc.motion.limits import ANY_DRIVES, DriveLimits, LimitParameters
+from pkm_cnc.motion.planner import Planner
+from pkm_cnc.program import Line, PathMode
+
+KEPT = 1.001
+"""1. What may be used of a limit."""
+PLAIN = MotionParameters(acceleration=5.0, centripetal_acceleration=4.0)
+SMOOTH = MotionParameters(acceleration=5.0, centripetal_acceleration=4.0, jerk=100.0)
+TIGHT = "limits.velocity=0.4", "limits.acceleration=3.0"
+TIGHT_SMOOTH = (*TIGHT, "limits.jerk=60.0")
+
+CARTESIAN = load_setup("cartesian")
+TRIPOD, TRIPOD_SMOOTH = load_setup("tripod", TIGHT), load_setup("tripod", TIGHT_SMOOTH)
+ACROSS = line((-0.15, -0.1, 0.0), (0.2, 0.12, 0.05), feed=1.0)
+LOOP = arc((0.05, 0.1, 0.0), (0.05, 0.11, 0.0), 1.5 * math.pi, feed=1.0)
+
+
+def cycles(setup: Setup, element: Line, motion: MotionParameters) -> int:
+    return len(moved(setup, [element], motion)) - 4
+
+
+@pytest.mark.parametrize("element", [ACROSS, LOOP], ids=["line", "arc"])
+@pytest.mark.parametrize(
+    ("setup", "motion", "binding"),
+    [
+        (TRIPOD, PLAIN, {"drive velocity", "drive acceleration"}),
+        (TRIPOD_SMOOTH, SMOOTH, {"drive jerk"}),
+        (CARTESIAN, SMOOTH, {"jerk"}),
+    ],
+    ids=["tripod", "tripod jerk", "cartesian jerk"],
+)
+def test_no_limit_is_exceeded_in_any_cycle_and_one_is_reached(
+    setup: Setup, motion: MotionParameters, binding: set[str], element: Line
+) -> None:
+    parts = used(setup, moved(setup, [element], motion), motion)
+    assert max(parts.values()) < KEPT, parts
+    assert max(parts[name] for name in binding) > 0.97, parts
+
+
+def test_near_the_edge_of_the_workspace_the_drive_sets_the_speed() -> None:
+    """The Monopod's slider: u = sqrt(L^2 - x^2), |du/dx| = x / u; at its speed limit the TCP goes at vmax u / x."""
+    setup = load_setup("monopod", ["limits.velocity=0.12"])
+    points = moved(setup, [line((0.1, 0.0, 0.0), (0.55, 0.0, 0.0), feed=0.1)], PLAIN)
+    x, v = np.array([(setpoint.x, setpoint.vx) for setpoint in points]).T
+    allowed = np.minimum(0.1, 0.12 * np.sqrt(0.36 - x**2) / x)
+    middle = (x > 0.11) & (x < 0.545)
+    np.testing.assert_allclose(v[middle], allowed[middle], rtol=2e-3)
+    assert allowed[middle].min() < 0.06
+
+
+@pytest.mark.parametrize("feed", [0.05, 0.167])
+@pytest.mark.parametrize("length", [0.05, 0.2])
+def test_a_long_line_takes_the_time_of_an_s_curve(length: float, feed: float) -> None:
+    """Where the feed is reached: length / feed + feed / a + a / j."""
+    motion = MotionParameters(acceleration=2.0, jerk=50.0)
+    ideal = length / feed + feed / 2.0 + 2.0 / 50.0
+    found = cycles(CARTESIAN, line((0.0, 0.0, 0.0), (length, 0.0, 0.0), feed), motion) * PERIOD
+    assert -0.002 <= found - ideal <= 0.003
+
+
+@pytest.mark.parametrize("length", [1e-5, 1e-3, 5e-3])
+def test_a_short_line_loses_at_most_a_fifth_to_an_s_curve(length: float) -> None:
+    """Where neither feed nor acceleration matters four phases of jerk: t = 4 (L / 2 j)^(1/3); else v (v/a + a/j) = L."""
+    a, j = 2.0, 50.0
+    ideal = 4.0 * (length / (2.0 * j)) ** (1.0 / 3.0)
+    if ideal > 4.0 * a / j:
+        v = 0.5 * (-a * a / j + math.sqrt((a * a / j) ** 2 + 4.0 * a * length))
+        ideal = 2.0 * (v / a + a / j)
+    found = cycles(CARTESIAN, line((0.0, 0.0, 0.0), (length, 0.0, 0.0), 1.0), MotionParameters(acceleration=a, jerk=j))
+    assert ideal - PERIOD <= found * PERIOD
+    if length > 1e-4:
+        assert found * PERIOD <= 1.2 * ideal
+
+
+def test_a_curved_row_of_short_lines_is_run_at_the_feed() -> None:
+    """10 000 lines of 0.03 mm on a circle of 50 mm under G64: at 0.1 m/s every period passes three of them."""
+    count, radius, feed = 10_000, 0.05, 0.1
+    angles = 2.0 * math.pi * np.arange(count + 1) / count
+    points = [(round(radius * math.cos(t), 6), round(radius * math.sin(t), 6), 0.0) for t in angles]
+    path = polyline(points, feed, PathMode("G64", 20e-6, 20e-6))
+    setpoints = moved(TRIPOD, path.elements, PLAIN)
+    assert len(setpoints) * PERIOD < 1.01 * (path.length / feed + feed / PLAIN.acceleration)
+    assert max(used(TRIPOD, setpoints, PLAIN).values()) < KEPT
+
+
+@pytest.mark.parametrize(("motion", "drives"), [(PLAIN, ANY_DRIVES), (SMOOTH, TRIPOD_SMOOTH.drive_limits)])
+def test_memory_does_not_grow_with_the_path(motion: MotionParameters, drives: DriveLimits) -> None:
+    taken = itertools.count()
+
+    def path() -> itertools.chain[Line]:
+        ends = [(-0.05 + 1e-4 * (k % 1000), 1e-3 * math.sin(1e-2 * k), 0.0) for k in range(1000)]
+        return itertools.chain(
+            line(*pair, feed=0.1, mode=PathMode("G64", 1e-5)) for pair in itertools.pairwise(ends) if next(taken) >= 0
+        )
+
+    pieces_ahead = pieces(path(), motion, smooth=motion.jerk > 0.0)
+    ahead = []
+    for setpoint in Planner(motion, drives, PERIOD).move(next(pieces_ahead), pieces_ahead):
+        number = next(taken)
+        taken = itertools.count(number)
+        ahead.append(number - setpoint.segment)
+    assert ahead[0] < 600
+    assert max(ahead[: len(ahead) // 3]) < 600
+
+
+def test_a_block_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same motion whether it is planned at once or in many blocks, to rounding and the grid's time."""
+    ends = [(-0.1 + 1e-3 * k, 0.05 * math.sin(0.05 * k), 0.0) for k in range(200)]
+    path = polyline(ends, 0.3, PathMode("G64", 2e-5, 0.0))
+    blocks = moved(TRIPOD, path.elements, PLAIN)
+    monkeypatch.setattr("pkm_cnc.motion.planner.BLOCK", 10**6)
+    whole = moved(TRIPOD, path.elements, PLAIN)
+    assert len(blocks) == pytest.approx(len(whole), rel=1e-3)
+    assert max(used(TRIPOD, blocks, PLAIN).values()) < KEPT
+
+
+@pytest.mark.parametrize("motion", [PLAIN, SMOOTH])
+@pytest.mark.parametrize("angle", [1e-4, 5e-3, 9.9e-3])
+def test_the_velocity_never_jumps_at_a_tangent_junction(angle: float, motion: MotionParameters) -> None:
+    """G61: by no more than the centripetal acceleration in a period; and with a jerk limit, by no more than that."""
+    corner = (0.03, 0.0, 0.0)
+    end = (0.03 + 0.03 * math.cos(angle), 0.03 * math.sin(angle), 0.0)
+    setpoints = moved(CARTESIAN, [line((0.0, 0.0, 0.0), corner, 0.4), line(corner, end, 0.4)], motion)
+    across = np.array([setpoint.vy for setpoint in setpoints])
+    turned = np.flatnonzero(across)[0]
+    assert across[turned] <= motion.centripetal_acceleration * PERIOD * 1.001
+    assert max(used(CARTESIAN, setpoints, motion).values()) < KEPT
+
+
+def test_an_arc_is_run_at_what_its_radius_allows() -> None:
+    element = arc((0.0, 0.0, 0.0), (0.0, 0.002, 0.0), 1.9 * math.pi, feed=1.0)
+    speeds = [math.hypot(setpoint.vx, setpoint.vy) for setpoint in moved(CARTESIAN, [element], PLAIN)]
+    assert max(speeds) == pytest.approx(math.sqrt(PLAIN.centripetal_acceleration * 0.002), rel=1e-9)
+
+
+def test_a_limit_that_cannot_be_kept_is_a_fault_naming_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pkm_cnc.motion.planner.ROUNDS", 1)
+    with pytest.raises(MachineFault, match=r"line 1: .*limits cannot be kept .*% too fast") as caught:
+        moved(TRIPOD_SMOOTH, [ACROSS], SMOOTH)
+    assert "\n" not in str(caught.value)
+
+
+places = st.tuples(*(st.integers(-80, 80) for _ in range(3))).map(
+    lambda millimetres: tuple(1e-3 * number * scale for number, scale in zip(millimetres, (1.0, 1.0, 0.3), strict=True))
+)
+programs = st.tuples(
+    st.lists(places, min_size=3, max_size=5, unique=True),
+    st.sampled_from([PathMode("G61"), PathMode("G61.1"), PathMode("G64"), PathMode("G64", 1e-4, 1e-4)]),
+    st.floats(0.01, 1.0),
+    st.sampled_from([(TRIPOD, PLAIN), (TRIPOD_SMOOTH, SMOOTH)]),
+)
+
+
+@settings(derandomize=True, deadline=None, max_examples=20)
+@given(programs)
+def test_any_program_ends_exactly_and_keeps_its_limits(program: tuple) -> None:
+    points, mode, feed, (setup, motion) = program
+    setpoints = moved(setup, polyline(points, feed, mode).elements, motion)
+    parts = used(setup, setpoints, motion)
+    assert max(parts.values()) < KEPT, parts
+    assert setpoints[-1][:9] == (*points[-1], *(0.0,) * 6)
+    assert np.all(np.diff([setpoint.path_length for setpoint in setpoints]) >= -1e-12)
+    if mode.code == "G61.1":
+        rests = {setpoint[:3] for setpoint in setpoints if setpoint[3:9] == (0.0,) * 6}
+        assert rests >= set(points)
+
+
+def test_drive_limits_come_from_the_sections() -> None:
+    limits = DriveLimits.of(TRIPOD.machine.motion, [LimitParameters(0.3, 4.0, 0.0), LimitParameters(0.2, 3.0, 50.0)])
+    assert limits.velocity.tolist() == [0.3, 0.2]
+    assert limits.acceleration.tolist() == [4.0, 3.0]
+    assert limits.jerk.tolist() == [math.inf, 50.0]
