@@ -50,5 +50,5 @@ times."""
 NO_OVERSHOOT = 1e-6
 """1. An overshoot up to this share of the step is none: rounding, and the slow poles of a drive (3e-11), make some."""
 
-LIMIT_EXCESS = 5e-4
-"""1. A limit of the motion counts as kept up to this excess: half of the promised 0.1 %."""
+LIMIT_EXCESS = 3e-4
+"""1. A motion counts as slow enough up to this part of its time: a jerk is then 0.09 % over its limit, of 0.1 %."""

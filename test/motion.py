@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 
@@ -20,7 +21,7 @@ def line(start: Vector, end: Vector, feed: float = 0.1, mode: PathMode = EXACT_P
 
 
 def polyline(points: Sequence[Vector], feed: float = 0.1, mode: PathMode = EXACT_PATH) -> Toolpath:
-    pairs = zip(points, points[1:], strict=False)
+    pairs = itertools.pairwise(points)
     return Toolpath(tuple(line(*ends, feed, mode, number) for number, ends in enumerate(pairs, 1)))
 
 
@@ -56,9 +57,7 @@ def used(setup: Setup, setpoints: Sequence[TcpSetpoint], motion: MotionParameter
     speed = np.linalg.norm(velocity, axis=1)
     moving = speed > 1e-9
     along = (velocity[moving] * acceleration[moving]).sum(axis=1) / speed[moving]
-    across = np.linalg.norm(
-        acceleration[moving] - along[:, None] * velocity[moving] / speed[moving][:, None], axis=1
-    )
+    across = np.linalg.norm(acceleration[moving] - along[:, None] * velocity[moving] / speed[moving][:, None], axis=1)
     changes = np.diff(speeds, axis=0) / PERIOD
     result = {
         "feed": float((speed / feeds).max()),

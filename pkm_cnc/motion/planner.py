@@ -205,9 +205,12 @@ class _Move:
         return len(cells)
 
     def _sampled(self, profile: FeedProfile, to_rest: bool) -> list[Sample]:
-        """The profile in the cycles up to its end; `to_rest`: on until its mean rests at the end."""
+        """The profile in the cycles up to its end; `to_rest`: on until its mean rests at the end.
+
+        With a limit of jerk for two cycles, so that the jerk of stopping is over before the next motion begins.
+        """
         samples = []
-        cycle = self._cycle
+        cycle, taps = self._cycle, self._planner.taps
         while (t := cycle * self._planner.period - self._time) < profile.duration:
             index, s, v, a = profile.at(max(t, 0.0))
             planned = self._cells[index]
@@ -216,7 +219,7 @@ class _Move:
         if to_rest:
             planned = self._cells[-1]
             end = planned.piece.shape.length if self._ended else planned.piece.begin + planned.piece.length
-            samples += [Sample(self._starts[-1], 0.0, 0.0, planned.piece, end)] * self._planner.taps
+            samples += [Sample(self._starts[-1], 0.0, 0.0, planned.piece, end)] * (taps + 1 if taps > 1 else 1)
         return samples
 
     def _smoothed(self, samples: list[Sample]) -> list[TcpSetpoint]:
