@@ -87,14 +87,15 @@ class LimitParameters:
     """What one drive's setpoint may do: the section `limits` of a machine file, of an axis or of all."""
 
     velocity: float = parameter(
-        1.0,
-        "Largest speed of the drive's setpoint. The default is 6000 rpm of a screw of 10 mm/rev.",
+        2.0,
+        "Largest speed of the drive's setpoint. The default, 12000 rpm of a screw of 10 mm/rev, is what fast ball screws "
+        "reach, and wide enough for the experiments of the thesis.",
         unit="m/s",
         above=0.0,
     )
     acceleration: float = parameter(
-        20.0,
-        "Largest acceleration of the drive's setpoint. The default is ten times motion.acceleration, so that the path "
+        40.0,
+        "Largest acceleration of the drive's setpoint. The default is twenty times motion.acceleration, so that the path "
         "slows down only where the machine turns little motion of the TCP into much of a drive.",
         unit="m/s^2",
         above=0.0,
