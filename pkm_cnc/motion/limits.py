@@ -88,15 +88,15 @@ class LimitParameters:
 
     velocity: float = parameter(
         2.0,
-        "Largest speed of the drive's setpoint. The default, 12000 rpm of a screw of 10 mm/rev, is what fast ball screws "
-        "reach, and wide enough for the experiments of the thesis.",
+        "Largest speed of the drive's setpoint. The default, 12000 rpm of a screw of 10 mm/rev, is what fast ball "
+        "screws reach, and wide enough for the experiments of the thesis.",
         unit="m/s",
         above=0.0,
     )
     acceleration: float = parameter(
         40.0,
-        "Largest acceleration of the drive's setpoint. The default is twenty times motion.acceleration, so that the path "
-        "slows down only where the machine turns little motion of the TCP into much of a drive.",
+        "Largest acceleration of the drive's setpoint. The default is twenty times motion.acceleration, so that the "
+        "path slows down only where the machine turns little motion of the TCP into much of a drive.",
         unit="m/s^2",
         above=0.0,
     )
