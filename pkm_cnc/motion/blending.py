@@ -189,7 +189,7 @@ def _between(before: Piece, after: Piece, reach: float) -> Curve:
 
 
 def _ends(piece: Piece, s: float) -> tuple[Vector, Vector, Vector]:
-    return piece.shape.position(s), piece.shape.tangent(s), piece.shape.curvature(s)
+    return piece.frame(s)
 
 
 def _deviation(curve: Curve, before: Piece, after: Piece) -> float:

@@ -65,6 +65,11 @@ class Piece:
     traverse: bool
     stop: bool = False
 
+    def frame(self, s: float) -> tuple[Vector, Vector, Vector]:
+        """Position (m), tangent and curvature (1/m) at `s` (m, on the shape)."""
+        shape = self.shape
+        return shape.frame(s) if isinstance(shape, Curve) else (shape.position(s), shape.tangent(s), shape.curvature(s))
+
     def place(self, s: float) -> tuple[int, float]:
         """Segment of the toolpath and path length along it, m, at `s` (m, on the shape)."""
         marks = self.marks
@@ -134,32 +139,37 @@ class Curve:
 
     def position(self, s: float) -> Vector:
         """Point at path length `s` (m), exactly the ends at and beyond them."""
-        if s <= 0.0:
-            return self.start[0]
-        if s >= self.length:
-            return self.end[0]
-        p = self._parameter(s)
-        x, y, z = [a + p * (b + p * (c + p * (d + p * (e + p * f)))) for a, b, c, d, e, f in self._coefficients]
-        return x, y, z
+        return self.frame(s)[0]
 
     def tangent(self, s: float) -> Vector:
         """Unit tangent at path length `s` (m)."""
-        (x, y, z), rate, _ = self._derivatives(s)
-        return x / rate, y / rate, z / rate
+        return self.frame(s)[1]
 
     def curvature(self, s: float) -> Vector:
         """Derivative of the tangent by the path length (1/m) at `s` (m)."""
-        (x, y, z), rate, second = self._derivatives(s)
-        square = rate * rate
-        along = (x * second[0] + y * second[1] + z * second[2]) / square
-        return (second[0] - along * x) / square, (second[1] - along * y) / square, (second[2] - along * z) / square
+        return self.frame(s)[2]
 
-    def _derivatives(self, s: float) -> tuple[Vector, float, Vector]:
-        p = self._parameter(min(max(s, 0.0), self.length))
-        first, second = [], []
-        for _, b, c, d, e, f in self._coefficients:
-            first.append(b + p * (2.0 * c + p * (3.0 * d + p * (4.0 * e + p * 5.0 * f))))
-            second.append(2.0 * c + p * (6.0 * d + p * (12.0 * e + p * 20.0 * f)))
-        x, y, z = first
-        sx, sy, sz = second
-        return (x, y, z), math.sqrt(x * x + y * y + z * z), (sx, sy, sz)
+    def frame(self, s: float) -> tuple[Vector, Vector, Vector]:
+        """Position, tangent and curvature at `s` (m): together they cost little more than one of them."""
+        if s <= 0.0:
+            return self.start
+        if s >= self.length:
+            return self.end
+        p = self._parameter(s)
+        (ax, bx, cx, dx, ex, fx), (ay, by, cy, dy, ey, fy), (az, bz, cz, dz, ez, fz) = self._coefficients
+        x = ax + p * (bx + p * (cx + p * (dx + p * (ex + p * fx))))
+        y = ay + p * (by + p * (cy + p * (dy + p * (ey + p * fy))))
+        z = az + p * (bz + p * (cz + p * (dz + p * (ez + p * fz))))
+        vx = bx + p * (2.0 * cx + p * (3.0 * dx + p * (4.0 * ex + p * 5.0 * fx)))
+        vy = by + p * (2.0 * cy + p * (3.0 * dy + p * (4.0 * ey + p * 5.0 * fy)))
+        vz = bz + p * (2.0 * cz + p * (3.0 * dz + p * (4.0 * ez + p * 5.0 * fz)))
+        wx = 2.0 * cx + p * (6.0 * dx + p * (12.0 * ex + p * 20.0 * fx))
+        wy = 2.0 * cy + p * (6.0 * dy + p * (12.0 * ey + p * 20.0 * fy))
+        wz = 2.0 * cz + p * (6.0 * dz + p * (12.0 * ez + p * 20.0 * fz))
+        square = vx * vx + vy * vy + vz * vz
+        rate, along = math.sqrt(square), (vx * wx + vy * wy + vz * wz) / square
+        return (
+            (x, y, z),
+            (vx / rate, vy / rate, vz / rate),
+            ((wx - along * vx) / square, (wy - along * vy) / square, (wz - along * vz) / square),
+        )

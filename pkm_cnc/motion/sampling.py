@@ -53,13 +53,11 @@ def mean_setpoints(samples: Sequence[Sample], taps: int, places: Sequence[tuple[
 
 
 def _setpoint(piece: Piece, s: float, v: float, a: float) -> TcpSetpoint:
-    shape = piece.shape
-    x, y, z = shape.position(s)
     segment, path_length = piece.place(s)
     if v == 0.0 and a == 0.0:
+        x, y, z = piece.shape.position(s)
         return TcpSetpoint(x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, path_length, piece.feed, segment, PHASE_MOVE)
-    tx, ty, tz = shape.tangent(s)
-    cx, cy, cz = shape.curvature(s)
+    (x, y, z), (tx, ty, tz), (cx, cy, cz) = piece.frame(s)
     w = v * v
     ax, ay, az = a * tx + w * cx, a * ty + w * cy, a * tz + w * cz
     return TcpSetpoint(x, y, z, v * tx, v * ty, v * tz, ax, ay, az, path_length, piece.feed, segment, PHASE_MOVE)
