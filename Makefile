@@ -13,7 +13,7 @@ ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
 unexport LD_LIBRARY_PATH ROS_DISTRO _ROS_WHEELS_BOOTSTRAP_COMPLETE
 endif
 
-.PHONY: help run test test-reproduction test-pages lint bench env lock clean
+.PHONY: help run test test-reproduction test-pages lint bench fuzz env lock clean
 
 help:
 	@echo 'make run     run the star test on the Tripod: record it, evaluate it, draw it'
@@ -22,6 +22,7 @@ help:
 	@echo 'make test-pages   load reports in headless Chromium, which must be installed'
 	@echo 'make lint    check style, types and who imports whom'
 	@echo 'make bench   measure speed and memory'
+	@echo 'make fuzz    read a million random and broken part programs (COUNT=1000 for fewer, SEED=2 for others)'
 	@echo 'make env     only make .venv, or bring it up to date (the others do that first)'
 	@echo 'make lock    resolve requirements.in anew into requirements.lock'
 	@echo 'make clean   remove .venv and caches; bags stay'
@@ -55,6 +56,9 @@ lint: env
 
 bench: env
 	@$(BIN)/python tools/bench.py
+
+fuzz: env
+	@$(BIN)/python tools/fuzz.py --count $(or $(COUNT),1000000) --seed $(or $(SEED),1)
 
 lock:
 	@tools/lock.sh

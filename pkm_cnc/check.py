@@ -31,7 +31,13 @@ def prepare(setup: Setup, program: Program) -> Toolpath:
 
     Raises ProgramError for what cannot be read, InputError for what the machine cannot reach.
     """
-    toolpath = interpret(program, start=setup.start_pose, zero=setup.program_zero, rapid=setup.motion.rapid)
+    toolpath = interpret(
+        program,
+        start=setup.start_pose,
+        zero=setup.program_zero,
+        rapid=setup.motion.rapid,
+        parameters=setup.program,
+    )
     check_toolpath(setup, program, toolpath)
     return toolpath
 

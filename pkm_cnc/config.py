@@ -21,6 +21,7 @@ from pkm_cnc.kinematics import Machine, in_space, load_kinematics
 from pkm_cnc.motion import MotionParameters
 from pkm_cnc.parameters import Parameter, Value, parameter, parameters_of, read_section
 from pkm_cnc.plant import ScaleParameters, ScrewParameters, TravelParameters
+from pkm_cnc.program import ProgramParameters
 from pkm_cnc.records import NANOSECONDS, Vector
 from pkm_cnc.servo import DriveParameters
 
@@ -107,6 +108,7 @@ class Setup:
     servo_period_ns: int
     start_pose: Vector
     program_zero: Vector
+    program: ProgramParameters
     motion: MotionParameters
     graph: GraphParameters
     axes: dict[str, AxisSetup]
@@ -218,8 +220,8 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
         raise InputError(f"machine: {found} given; it must name the kinematics, e.g. tripod")
     name = str(values["machine"])
     kinematics = load_kinematics(name)
-    sections: dict[str, Any] = {"": ControllerParameters, "geometry": kinematics.Geometry, "motion": MotionParameters}
-    sections |= {"graph": GraphParameters, **AXIS_SECTIONS}
+    sections: dict[str, Any] = {"": ControllerParameters, "geometry": kinematics.Geometry}
+    sections |= {"program": ProgramParameters, "motion": MotionParameters, "graph": GraphParameters, **AXIS_SECTIONS}
     given = _by_section({key: value for key, value in values.items() if key != "machine"}, kinematics.axes, sections)
     common: dict[str, Any] = {
         section: read_section(kind, given.pop(section, {}), f"{section}." if section else "")
@@ -253,6 +255,7 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
         servo_period_ns=period,
         start_pose=controller.start_pose,
         program_zero=controller.program_zero,
+        program=common["program"],
         motion=motion,
         graph=graph,
         axes=axes,

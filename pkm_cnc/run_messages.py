@@ -13,13 +13,14 @@ from pkm_cnc.config import Setup
 from pkm_cnc.contour import SegmentSummary
 from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.messages import deserialize, message, serialize
-from pkm_cnc.program import Arc, Line, Program
+from pkm_cnc.program import Arc, Line, Plane, Program
 from pkm_cnc.records import Vector
 from pkm_cnc.topics import BASE_FRAME
 
 __all__ = ["COMPLETED", "End", "element_of", "end_of", "ended", "run_end", "run_info", "segment", "segment_summary"]
 
 LINE, ARC = 0, 1
+"""Kinds of elements: an arc's is ARC plus the number of its plane."""
 
 COMPLETED = "run completed in cycle "
 """What a node's process prints after a run that completed, before the number of the last cycle."""
@@ -74,7 +75,7 @@ def segment(index: int, element: Line | Arc, path_start: float, time: int) -> by
             header=(time, BASE_FRAME),
             index=index,
             line=element.line,
-            kind=ARC if arc else LINE,
+            kind=ARC + arc.plane if arc else LINE,
             traverse=element.traverse,
             evaluated=element.evaluated,
             start=_point(element.start),
@@ -101,7 +102,8 @@ def element_of(content: Any) -> Line | Arc:
     }
     if content.kind == LINE:
         return Line(**common)
-    return Arc(**common, center=(content.center.x, content.center.y, content.center.z), sweep=content.sweep)
+    center = (content.center.x, content.center.y, content.center.z)
+    return Arc(**common, center=center, sweep=content.sweep, plane=Plane(content.kind - ARC))
 
 
 def segment_summary(summary: SegmentSummary, time: int) -> bytes:

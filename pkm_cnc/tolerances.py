@@ -4,8 +4,21 @@ TIE = 1e-9
 """m. Two distances to the contour closer than this are a tie: part programs resolve 1 nm (six decimals of a mm)."""
 
 ARC_RADII = 5e-6
-"""m. Largest difference between the radii of an arc's start and end point (a program with three decimals of a mm
+"""m. Circles whose centers and radii differ by less than this are one circle (a program with three decimals of a mm
 rounds each coordinate by 0.5 um; corner to corner that is below 2 um, doubled for the sum of both ends)."""
+
+ARC_RADII_MM, ARC_RADII_INCH = 2e-5 * 2**0.5, 5.08e-5 * 2**0.5
+"""m. Difference that is always allowed between the radii at an arc's start and end, in a program in mm and in inches:
+both ends and the center rounded to 0.01 mm, 0.001 inch. These four are LinuxCNC's (rs274ngc, interp_internal.hh)."""
+
+ARC_RADII_RELATIVE = 1e-3
+"""1. Difference of the radii that is allowed relative to the larger one."""
+
+ARC_RADII_RATIO = 100.0
+"""1. The relative allowance ends at this many times the absolute one: 2.83 mm is a wrong center, not rounding."""
+
+ARC_RADIUS = 1.27e-6
+"""m. A smaller radius is none; and what half the distance of an arc's ends may exceed its radius R by: 0.00005 inch."""
 
 ZERO_LENGTH = 1e-12
 """m. A motion shorter than this is none: a thousandth of the resolution of a part program."""

@@ -28,12 +28,11 @@ PROGRAMS: dict[str, tuple[bytes, list[str]]] = {
     "comments alone": (b"(nothing)\n; to do\nM2\n", ["program.ngc: contains no motion"]),
     "binary": (b"\x7fELF\x02\x01\x01\x00\xd0\xff" * 9, ["program.ngc: not a text file", "0xd0", "offset 8"]),
     "a zero byte": (b"G0 X1\n\0\n", ["program.ngc: not a text file", "0x00", "offset 6"]),
-    "unknown G word": (b"G21\n\nG0 X1\nG91 X1\n", ["program.ngc:4", "G91", "not supported"]),
-    "unknown M word": (b"M3\n", ["program.ngc:1", "M3", "not supported"]),
-    "unknown letter": (b"G0 X1\nT1\n", ["program.ngc:2", "T1", "not supported"]),
-    "a parameter": (b"G0 X#1\n", ["program.ngc:1", "'#'", "not supported"]),
-    "an expression": (b"G0 X[1+1]\n", ["program.ngc:1", "'['", "not supported"]),
-    "inches": (b"G20\n", ["program.ngc:1", "G20", "not supported"]),
+    "unknown G word": (b"G21\n\nG0 X1\nG41 X1\n", ["program.ngc:4", "G41", "not supported"]),
+    "unknown M word": (b"M98 P1\n", ["program.ngc:1", "M98", "not supported"]),
+    "unknown letter": (b"G0 X1\nA1\n", ["program.ngc:2", "A1", "not supported", "no axis A"]),
+    "a parameter that was not set": (b"G0 X#<wide>\n", ["program.ngc:1", "#<wide>", "not set"]),
+    "an expression without end": (b"G0 X[1+1\n", ["program.ngc:1", "without ']'"]),
     "a malformed number": (b"G0 X1.2.3\n", ["program.ngc:1", "X1.2.3"]),
     "a word without number": (b"G0 X Y1\n", ["program.ngc:1", "X"]),
     "an open comment": (b"G0 X1\nG0 X2 (rapid\n", ["program.ngc:2", "comment without ')'"]),
@@ -79,6 +78,13 @@ def test_bad_programs(tmp_path: Path, name: str, subcommand: str) -> None:
     for part in parts:
         assert part in line
     assert list(tmp_path.iterdir()) == [program]
+
+
+def test_a_program_that_loops_for_ever(tmp_path: Path) -> None:
+    program = tmp_path / "program.ngc"
+    program.write_text("G1 F60\no1 while [1]\n  X1\n  X0\no1 endwhile\n")
+    line = refused("check", program, *MACHINE, "--set", "program.block_limit=100")
+    assert "has run 100 blocks more than it has lines (program.block_limit)" in line
 
 
 def test_the_ends_of_the_lines_that_leave_between_are_good_themselves(tmp_path: Path) -> None:

@@ -126,6 +126,26 @@ def test_check_speaks_in_the_programs_coordinates(tmp_path: Path) -> None:
     assert motion[0]["end_mm"] == [1.0, 2.0, 3.0]
 
 
+def test_check_lists_events_and_needs_no_motion(tmp_path: Path) -> None:
+    program = _write(tmp_path, "S300 M3\nG4 P.5\n(MSG, look)\nM2\n")
+    assert json.loads(done("check", program, *MACHINE, "--json")) == {
+        "motion": [],
+        "events": [
+            {"kind": "spindle_speed", "line": 1, "path_length_mm": 0.0, "value": 300.0},
+            {"kind": "spindle_clockwise", "line": 1, "path_length_mm": 0.0, "value": 300.0},
+            {"kind": "dwell", "line": 2, "path_length_mm": 0.0, "value": 0.5},
+            {"kind": "message", "line": 3, "path_length_mm": 0.0, "text": "look"},
+            {"kind": "program_end", "line": 4, "path_length_mm": 0.0},
+        ],
+    }
+    _, *events, verdict = done("check", program, *MACHINE).splitlines()
+    assert [line.split() for line in events] == [
+        *(["1", "spindle_speed", "300"], ["1", "spindle_clockwise", "300"], ["2", "dwell", "0.5"]),
+        *(["3", "message:", "look"], ["4", "program_end"]),
+    ]
+    assert verdict.startswith("0 motions")
+
+
 def test_check_as_a_table(tmp_path: Path) -> None:
     program = _write(tmp_path, "G1 X1 Y2 Z3 F100\n")
     header, row, verdict = done("check", program, *MACHINE).splitlines()
@@ -137,7 +157,7 @@ def test_check_as_a_table(tmp_path: Path) -> None:
 
 def _motion(folder: Path, text: str, *options: str) -> list[dict[str, Any]]:
     printed = json.loads(done("check", _write(folder, text), *MACHINE, "--json", *options))
-    assert list(printed) == ["motion"]
+    assert list(printed) == ["motion", "events"]
     motion: list[dict[str, Any]] = printed["motion"]
     return motion
 

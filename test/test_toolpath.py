@@ -3,12 +3,17 @@
 import cmath
 import math
 import random
+from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from pkm_cnc.program import Arc, Element, Line, Toolpath
+from pkm_cnc import run_messages
+from pkm_cnc.contour import ContourTracker
+from pkm_cnc.messages import deserialize
+from pkm_cnc.program import Arc, Element, Line, Plane, Toolpath
 from pkm_cnc.records import Vector
 
 
@@ -181,3 +186,157 @@ def test_toolpath() -> None:
         Toolpath((first, make_line(first.end, first.end)))
     with pytest.raises(ValueError, match="at least one element"):
         Toolpath(())
+
+
+# --- planes, turns and helices
+
+
+def make_helix(center: Vector, radius: float, angle: float, sweep: float, rise: float, plane: Plane = Plane.XY) -> Arc:
+    a, b, c = plane.coordinates(center)
+    points = [
+        plane.vector(a + radius * math.cos(t), b + radius * math.sin(t), c + up)
+        for t, up in ((angle, 0.0), (angle + sweep, rise))
+    ]
+    return Arc(1, *points, 0.1, False, True, center, sweep, plane)
+
+
+def random_helix(rng: random.Random, turns: float) -> Arc:
+    sweep = rng.choice((-1.0, 1.0)) * rng.uniform(0.1, turns * math.tau)
+    rise = rng.choice((-1.0, 1.0)) * 10.0 ** rng.uniform(-5.0, -0.5)
+    radius = 10.0 ** rng.uniform(-3.0, -0.5)
+    return make_helix(random_point(rng), radius, rng.uniform(-4.0, 4.0), sweep, rise, rng.choice(list(Plane)))
+
+
+HELICES = [random_helix(random.Random(seed), turns) for seed in range(40) for turns in (0.99, 5.0)]
+
+
+@pytest.mark.parametrize("helix", HELICES)
+def test_helices_against_their_definition(helix: Arc) -> None:
+    """The point at angle t of travel, length and derivatives, from cos, sin and finite differences in mpmath."""
+    center, start = helix.plane.coordinates(helix.center), helix.plane.coordinates(helix.start)
+    rise = helix.plane.coordinates(helix.end)[2] - start[2]
+
+    def position(part: Any) -> list[Any]:
+        x, y = start[0] - mpmath.mpf(center[0]), start[1] - mpmath.mpf(center[1])
+        cosine, sine = mpmath.cos(part * mpmath.mpf(helix.sweep)), mpmath.sin(part * mpmath.mpf(helix.sweep))
+        points = (
+            center[0] + x * cosine - y * sine,
+            center[1] + x * sine + y * cosine,
+            start[2] + part * mpmath.mpf(rise),
+        )
+        return list(helix.plane.vector(*points))
+
+    def derivative(part: Any, order: int) -> list[Any]:
+        return [mpmath.diff(lambda p, axis=axis: position(p)[axis], part, order) for axis in range(3)]
+
+    with mpmath.workdps(40):
+        speed = mpmath.norm(derivative(mpmath.mpf("0.3"), 1))
+        assert helix.length == pytest.approx(float(speed), rel=1e-14)
+        for part in (0.0, 0.25, 0.7, 1.0):
+            s = part * helix.length
+            assert helix.position(s) == pytest.approx([float(x) for x in position(mpmath.mpf(part))], abs=2e-14)
+            tangent = [float(x / speed) for x in derivative(mpmath.mpf(part), 1)]
+            assert helix.tangent(s) == pytest.approx(tangent, abs=1e-12)
+            curvature = [float(x / speed**2) for x in derivative(mpmath.mpf(part), 2)]
+            assert helix.curvature(s) == pytest.approx(curvature, abs=1e-12 / helix.radius)
+    assert helix.position(0.0) == helix.start
+    assert helix.position(helix.length) == helix.end
+
+
+@pytest.mark.parametrize("helix", HELICES)
+def test_nearest_on_helices_is_the_nearest_within_half_a_turn_of_the_hint(helix: Arc) -> None:
+    rng = random.Random(repr(helix.start))
+    half_turn = math.pi * helix.length / abs(helix.sweep)
+    for _ in range(6):
+        near = rng.uniform(0.0, helix.length)
+        place = helix.position(near)
+        point = tuple(x + rng.choice((1e-5, 0.01, 0.3)) * rng.uniform(-1.0, 1.0) for x in place)
+        below_a_turn = abs(helix.sweep) < math.tau
+        low = 0.0 if below_a_turn else max(near - half_turn, 0.0)
+        high = helix.length if below_a_turn else min(near + half_turn, helix.length)
+        s = helix.nearest(point, near)
+        assert low - 1e-12 <= s <= high + 1e-12
+        samples = np.linspace(low, high, 500)
+        distances = [math.dist(point, helix.position(sample)) for sample in samples]
+        best = int(np.argmin(distances))
+        around = samples[max(best - 1, 0)], samples[min(best + 1, 499)]
+        found = minimize_scalar(
+            lambda t, point=point: math.dist(point, helix.position(t)), bounds=around, method="bounded"
+        )
+        assert math.dist(point, helix.position(s)) <= min(found.fun, distances[best]) + 1e-14
+
+
+@pytest.mark.parametrize("helix", HELICES)
+def test_a_known_offset_from_a_helix_is_returned_exactly(helix: Arc) -> None:
+    """A point set off along the principal normal, outwards, has its foot where it was set off."""
+    rng = random.Random(3)
+    for _ in range(10):
+        s = rng.uniform(0.0, helix.length)
+        off = 0.2 * helix.radius * rng.random()
+        inward = helix.curvature(s)
+        size = math.hypot(*inward)
+        point = tuple(x - off * c / size for x, c in zip(helix.position(s), inward, strict=True))
+        rate = helix.length / abs(helix.sweep)
+        assert helix.nearest(point, s) == pytest.approx(s, abs=1e-9 * rate)
+        foot = np.array(helix.position(helix.nearest(point, s)))
+        assert abs(np.dot(np.array(point) - foot, helix.tangent(s))) < 1e-14
+
+
+@pytest.mark.parametrize("plane", list(Plane))
+def test_planes_turn_into_each_other(plane: Plane) -> None:
+    """An arc in a plane is the one in x-y with its axes renamed, cyclically: the same numbers."""
+    rng = random.Random(5)
+    for arc in (random_arc(rng), make_arc((0.1, 0.2, 0.3), 0.05, 1.0, -math.tau)):
+        turned = Arc(
+            *(1, plane.vector(*arc.start), plane.vector(*arc.end), 0.1, False, True, plane.vector(*arc.center)),
+            *(arc.sweep, plane),
+        )
+        assert (turned.radius, turned.length) == (arc.radius, arc.length)
+        for part in (0.0, 0.3, 1.0):
+            s = part * arc.length
+            assert turned.position(s) == plane.vector(*arc.position(s))
+            assert turned.tangent(s) == plane.vector(*arc.tangent(s))
+            assert turned.curvature(s) == plane.vector(*arc.curvature(s))
+            point = random_point(rng)
+            assert turned.nearest(plane.vector(*point), s) == arc.nearest(point, s)
+
+
+@pytest.mark.parametrize("rise", [0.0, 1e-6, 0.003])
+def test_turn_after_turn_the_foot_follows(rise: float) -> None:
+    """A tool 0.02 outside, from foot to foot over three turns; with next to no rise the turns lie on each other."""
+    spiral = make_helix((0.0, 0.0, 0.0), 0.1, 0.0, -3.0 * math.tau, rise)
+    foot, steps = 0.0, 3000
+    for step in range(steps + 1):
+        s = spiral.length * step / steps
+        x, y, z = spiral.position(s)
+        foot = spiral.nearest((1.2 * x, 1.2 * y, z), foot)
+        assert foot == pytest.approx(s, abs=1e-12)
+
+
+@pytest.mark.parametrize("element", [HELICES[0], HELICES[1], make_helix((0.0,) * 3, 0.1, 1.0, 2.0, 0.0, Plane.ZX)])
+def test_a_message_brings_every_bit_of_an_arc(element: Arc) -> None:
+    data = run_messages.segment(3, element, 0.5, 0)
+    assert run_messages.element_of(deserialize(data, "pkm_cnc_msgs/msg/ToolpathSegment")) == element
+
+
+@pytest.mark.parametrize("plane", list(Plane))
+@pytest.mark.parametrize("rise", [0.0, 0.05])
+def test_contour_error_off_an_arc_in_any_plane(plane: Plane, rise: float) -> None:
+    """Set off by a known amount to the left and up, the contour error tells both."""
+    arc = make_helix((0.1, 0.2, 0.3), 0.05, 0.3, 4.0, rise, plane)
+    tracker = ContourTracker()
+    tracker.add(0, arc, 0.0)
+    for part in (0.1, 0.35, 0.6, 0.9):
+        t = np.array(arc.tangent(part * arc.length))
+        left = np.cross((0.0, 0.0, 1.0), t)
+        left /= np.linalg.norm(left)
+        up = np.cross(t, left)
+        normal = np.array(arc.curvature(part * arc.length))
+        normal /= np.linalg.norm(normal)
+        off = 1e-4 * normal + 2e-5 * np.cross(t, normal)
+        error = tracker.step(tuple(np.array(arc.position(part * arc.length)) + off), 0)
+        # 1e-4 of the radius off the curve along the binormal of a helix, its foot moves by the second order of that
+        assert error.path_length == pytest.approx(part * arc.length, abs=1e-7)
+        assert error.left == pytest.approx(np.dot(off, left), abs=1e-8)
+        assert error.up == pytest.approx(np.dot(off, up), abs=1e-8)
+        assert error.magnitude <= np.linalg.norm(off) + 1e-15

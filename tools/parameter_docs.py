@@ -9,6 +9,7 @@ from pkm_cnc.kinematics import load_kinematics, machine_names
 from pkm_cnc.motion import MotionParameters
 from pkm_cnc.nodes.ros_parameters import RUN_PARAMETERS
 from pkm_cnc.parameters import Parameter, parameters_of
+from pkm_cnc.program import ProgramParameters
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "parameters.md"
 
@@ -26,6 +27,7 @@ def document() -> str:
     parts = [HEAD, _section("General", "", ControllerParameters, f"`machine` names the kinematics, one of {names}.")]
     for name in machine_names():
         parts.append(_section(f"geometry ({name})", "geometry.", load_kinematics(name).Geometry))
+    parts.append(_section("program", "program.", ProgramParameters))
     parts.append(_section("motion", "motion.", MotionParameters))
     parts += [_section(f"{name} (per axis)", f"{name}.", section) for name, section in AXIS_SECTIONS.items()]
     parts.append(_section("graph", "graph.", GraphParameters))

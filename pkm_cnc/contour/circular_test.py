@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pkm_cnc.contour.program_text import coordinate, number, require_finite, require_positive, rounded
 from pkm_cnc.contour.summary import SegmentSummary, contour_error_report
 from pkm_cnc.errors import InputError
-from pkm_cnc.program import NOT_EVALUATED_COMMENT, Arc
+from pkm_cnc.program import NOT_EVALUATED_COMMENT, Arc, Plane
 from pkm_cnc.tolerances import ARC_RADII, TIE
 
 __all__ = [
@@ -110,8 +110,8 @@ def _circle_blocks(
 
 
 def is_full_circle(arc: Arc) -> bool:
-    """Whether the arc is a full turn, and so the data arc of a circular test."""
-    return abs(arc.sweep) >= math.tau
+    """Whether the arc is one full turn in the x-y plane, and so the data arc of a circular test."""
+    return abs(arc.sweep) == math.tau and arc.plane == Plane.XY and arc.start == arc.end
 
 
 @dataclass(frozen=True)
@@ -275,13 +275,18 @@ def _same(one: Arc, other: Arc) -> bool:
 
 
 def arc_report(arc: Arc, summary: SegmentSummary) -> dict[str, object]:
-    """JSON entry of an evaluated arc that is no full circle: keys carry their units, None = not available."""
+    """JSON entry of an evaluated arc that is no full circle: keys carry their units, None = not available.
+
+    One in another plane than x-y has its "plane" and all three coordinates of its center.
+    """
+    coordinates = 2 if arc.plane == Plane.XY else 3
     return {
         "kind": "arc",
         "line": arc.line,
         "direction": _direction(arc),
         "radius_mm": rounded(arc.radius * 1e3),
-        "center_mm": [rounded(arc.center[0] * 1e3), rounded(arc.center[1] * 1e3)],
+        "center_mm": [rounded(value * 1e3) for value in arc.center[:coordinates]],
+        **({} if arc.plane == Plane.XY else {"plane": arc.plane.name.lower()}),
         "feed_mm_min": rounded(arc.feed * 60e3),
         "length_mm": rounded(arc.length * 1e3),
         **contour_error_report(summary),

@@ -118,7 +118,9 @@ class ContourTracker:
 def _extent(element: Element) -> float:
     """Path length, and by how much an arc's end misses the circle through its start (programs are rounded)."""
     if isinstance(element, Arc):
-        return element.length + abs(math.dist(element.end, element.center) - element.radius)
+        end_a, end_b, _ = element.plane.coordinates(element.end)
+        center_a, center_b, _ = element.plane.coordinates(element.center)
+        return element.length + abs(math.dist((end_a, end_b), (center_a, center_b)) - element.radius)
     return element.length
 
 

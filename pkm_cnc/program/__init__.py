@@ -1,21 +1,38 @@
 """Part programs: text -> blocks -> modal state -> toolpath (lines and arcs in `base_link`, SI)."""
 
-from pkm_cnc.program.blocks import Block, Program, ProgramError, read_blocks, read_program
-from pkm_cnc.program.interpreter import NOT_EVALUATED_COMMENT, canonical_motion, interpret, read_motions
-from pkm_cnc.program.toolpath import Arc, Element, Line, Toolpath
+from pkm_cnc.program.arcs import ArcFeed
+from pkm_cnc.program.blocks import Program, ProgramError, program_from_bytes, read_program
+from pkm_cnc.program.canon import canonical_events, canonical_motion
+from pkm_cnc.program.interpreter import (
+    NOT_EVALUATED_COMMENT,
+    Motion,
+    ProgramParameters,
+    interpret,
+    read_elements,
+    read_motions,
+)
+from pkm_cnc.program.toolpath import EXACT_PATH, Arc, Element, Event, Line, PathMode, Plane, Toolpath
 
 __all__ = [
+    "EXACT_PATH",
     "NOT_EVALUATED_COMMENT",
     "Arc",
-    "Block",
+    "ArcFeed",
     "Element",
+    "Event",
     "Line",
+    "Motion",
+    "PathMode",
+    "Plane",
     "Program",
     "ProgramError",
+    "ProgramParameters",
     "Toolpath",
+    "canonical_events",
     "canonical_motion",
     "interpret",
-    "read_blocks",
+    "program_from_bytes",
+    "read_elements",
     "read_motions",
     "read_program",
 ]

@@ -1,240 +1,419 @@
 """Blocks -> modal state -> toolpath: the machine-independent reading of a part program.
 
-Read are `%`, N, G0 G1 G2 G3 (center I J relative to the start, or radius R), G17, G21, G90, F, M2, M30, X Y Z, as NIST
-RS274/NGC version 3 means them; everything else is refused by name. At the start G17, G21 and G90 hold, there is no
-motion mode and no feed. Millimetres and mm/min end here: what leaves is m and m/s in `base_link`.
+The language is RS-274 as LinuxCNC reads it; docs/part_programs.md has all of it. At the start G17, G21, G90 and G91.1
+hold, there is no motion mode and no feed. What a block holds is done in the order of NIST RS274/NGC version 3, table 8,
+not in that of its words. Millimetres and inches end here: what leaves is m and m/s in `base_link`.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 from pkm_cnc.errors import InputError
-from pkm_cnc.program.blocks import Block, Program, read_blocks
-from pkm_cnc.program.toolpath import Arc, Element, Line, Toolpath
+from pkm_cnc.parameters import parameter
+from pkm_cnc.program.arcs import LARGEST_TURNS, ArcError, ArcFeed, ArcWords, arc_about_center, arc_of_radius
+from pkm_cnc.program.blocks import Block, Program
+from pkm_cnc.program.codes import ARCS, EVENTS, FEED, NO_MOTION, TRAVERSE, words_by_meaning
+from pkm_cnc.program.expressions import WHOLE
+from pkm_cnc.program.flow import executed_blocks
+from pkm_cnc.program.parameters import Key, Parameters
+from pkm_cnc.program.toolpath import EXACT_PATH, Element, Event, EventKind, Line, PathMode, Plane, Toolpath
 from pkm_cnc.records import Vector
-from pkm_cnc.tolerances import ARC_RADII, ZERO_LENGTH
+from pkm_cnc.tolerances import ARC_RADII_INCH, ARC_RADII_MM, ZERO_LENGTH
 
-__all__ = ["NOT_EVALUATED_COMMENT", "canonical_motion", "interpret", "read_motions"]
+__all__ = ["NOT_EVALUATED_COMMENT", "Motion", "ProgramParameters", "interpret", "read_elements", "read_motions"]
 
 NOT_EVALUATED_COMMENT = "(pkm_cnc: not evaluated)"
 """A comment with this text, in any case and spacing, takes the contour error of its block's motion out of account."""
 
 MM_PER_M = 1000.0
 MM_PER_MIN = 60_000.0  # per m/s
+MM_PER_INCH = 25.4
 
-_TRAVERSE, _FEED, _ARC_CW, _ARC_CCW = 0.0, 1.0, 2.0, 3.0
-_ARCS = (_ARC_CW, _ARC_CCW)
-_MODAL_GROUPS = {
-    ("G", _TRAVERSE): "motion",
-    ("G", _FEED): "motion",
-    ("G", _ARC_CW): "motion",
-    ("G", _ARC_CCW): "motion",
-    ("G", 17.0): "plane",
-    ("G", 21.0): "units",
-    ("G", 90.0): "distance mode",
-    ("M", 2.0): "end",
-    ("M", 30.0): "end",
-}
-_VALUES = frozenset("FXYZIJR")
-_GEOMETRY = frozenset("XYZIJR")
+_AXES = "XYZ"
+_OFFSETS = "IJK"
+_GEOMETRY = frozenset("XYZIJKR")
+_ARC_ONLY = "IJKR"
+_PLAIN = frozenset("XYZIJKRF") | {"motion"}
+_PLANES = {17.0: Plane.XY, 18.0: Plane.ZX, 19.0: Plane.YZ}
+_PLANE_CODES = {plane: f"G{code:g}" for code, plane in _PLANES.items()}
 _NOT_EVALUATED = "".join(NOT_EVALUATED_COMMENT.split()).lower()
+_MESSAGE = "(msg,"
+
+Motion = Line | ArcFeed
+"""A motion as programmed."""
 
 
-def interpret(program: Program, *, start: Vector, zero: Vector, rapid: float) -> Toolpath:
+@dataclass(frozen=True)
+class ProgramParameters:
+    """How part programs are read: the section `program` of a machine file."""
+
+    g28_pose: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "where G28 goes: TCP in base_link", unit="m", minimum=-100.0, maximum=100.0
+    )
+    g30_pose: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), "where G30 goes: TCP in base_link", unit="m", minimum=-100.0, maximum=100.0
+    )
+    block_delete: bool = parameter(True, "skip the blocks that begin with a slash; otherwise they are run")
+    block_limit: int = parameter(
+        1_000_000,
+        "by how many lines a program may run more than it has, in loops and subroutines, before it is taken to run for "
+        "ever; the default is some 20 s of reading and many hours of machining",
+        unit="blocks",
+        minimum=0,
+        maximum=1_000_000_000,
+    )
+
+
+def interpret(
+    program: Program, *, start: Vector, zero: Vector, rapid: float, parameters: ProgramParameters | None = None
+) -> Toolpath:
     """The toolpath of a program.
 
     `start` is where the TCP stands when motion begins, `zero` where the program's x = y = z = 0 lies (both m, in
     `base_link`), `rapid` the path speed of G0 (m/s). A motion to where the tool already is makes no element.
     Raises ProgramError for a block that cannot be run, InputError for a program without motion.
     """
-    motions = read_motions(program, start=start, zero=zero, rapid=rapid)
-    elements = tuple(motion for motion in motions if motion.length > 0.0)
+    elements: list[Element] = []
+    events: list[Event] = []
+    for item in read_elements(program, start=start, zero=zero, rapid=rapid, parameters=parameters):
+        if isinstance(item, Event):
+            events.append(item)
+        else:
+            elements.append(item)
     if not elements:
         raise InputError(f"part program {program.name}: contains no motion")
-    return Toolpath(elements)
+    return Toolpath(tuple(elements), tuple(events))
 
 
-def read_motions(program: Program, *, start: Vector, zero: Vector, rapid: float) -> Iterator[Element]:
-    """Every motion of a program as it is read; arguments and errors are those of `interpret`.
+def read_elements(
+    program: Program,
+    *,
+    start: Vector,
+    zero: Vector,
+    rapid: float,
+    parameters: ProgramParameters | None = None,
+) -> Iterator[Element | Event]:
+    """The elements of the toolpath and the events between them, each made when it is asked for and not kept.
 
-    A motion to where the tool already is (nearer than ZERO_LENGTH) comes as a line of length 0.
+    Arguments and errors are those of `interpret`, but that a program may be without motion.
     """
-    position, mode, feed = start, None, 0.0
-    for block in read_blocks(program):
-        words = _words_by_meaning(block)
-        if "F" in words:
-            feed = _feed(block, words["F"])
-        mode = words.get("motion", mode)
-        # an arc's own word asks for a motion even alone: what is missing is then an error, not nothing to do
-        if not _GEOMETRY.isdisjoint(words) or words.get("motion") in _ARCS:
-            motion = _motion(block, words, mode, position, zero, rapid if mode == _TRAVERSE else feed)
-            position = motion.end
-            yield motion
-        if "end" in words:
+    for item in read_motions(program, start=start, zero=zero, rapid=rapid, parameters=parameters):
+        if isinstance(item, ArcFeed):
+            yield from item.arcs
+        elif isinstance(item, Event) or item.length > 0.0:
+            yield item
+
+
+def read_motions(
+    program: Program,
+    *,
+    start: Vector,
+    zero: Vector,
+    rapid: float,
+    parameters: ProgramParameters | None = None,
+) -> Iterator[Motion | Event]:
+    """Every motion of a program as it is programmed, and every event, as they are read; else as `read_elements`.
+
+    A straight motion to where the tool already is (nearer than ZERO_LENGTH) comes as a line of length 0.
+    """
+    return _Interpreter(program, start, zero, rapid, parameters or ProgramParameters()).run()
+
+
+class _Interpreter:
+    """The modal state, and what a block does to it."""
+
+    def __init__(
+        self, program: Program, start: Vector, zero: Vector, rapid: float, parameters: ProgramParameters
+    ) -> None:
+        self._program = program
+        self._parameters = parameters
+        self._zero = zero
+        self._rapid = rapid
+        self._position = start
+        self._origin = zero  # where x = y = z = 0 of the words lies: zero, moved by G92
+        self._path_length = 0.0
+        self._line = 0
+        self._mode: float | None = None
+        self._plane = Plane.XY
+        self._unit = 1.0  # mm
+        self._absolute = True
+        self._absolute_center = False
+        self._path_mode = EXACT_PATH
+        self._feed = 0.0
+        self._speed = 0.0  # of the spindle, rpm
+        self._tool = 0.0
+
+    def run(self) -> Iterator[Motion | Event]:
+        delete, limit = self._parameters.block_delete, self._parameters.block_limit
+        for block in executed_blocks(self._program, Parameters(self._known()), block_delete=delete, block_limit=limit):
+            self._line = block.line
+            words = words_by_meaning(block)
+            if block.comments:
+                yield from self._messages(block)
+            if "F" in words:
+                self._feed = self._not_negative(block, words, "F", "the feed") * self._unit / MM_PER_MIN
+            machine_coordinates = False
+            if not words.keys() <= _PLAIN:
+                self._check_takers(block, words)
+                yield from self._machine_words(block, words)
+                self._modes(block, words)
+                machine_coordinates = words.get("non-modal") == 53.0
+                yield from self._axis_words_without_motion(block, words)
+            mode = words.get("motion")
+            if mode is not None:
+                self._mode = None if mode == NO_MOTION else mode
+            # an arc's own word asks for a motion even alone: what is missing is then an error, not nothing to do
+            if not _GEOMETRY.isdisjoint(words) or mode in ARCS or machine_coordinates:
+                yield self._moved(self._motion(block, words, machine_coordinates))
+            if "stop" in words:
+                yield self._event(EVENTS[words["stop"]])
+                if words["stop"] in (2.0, 30.0):
+                    return
+
+    def _moved(self, motion: Motion) -> Motion:
+        self._position = motion.end
+        for element in motion.arcs if isinstance(motion, ArcFeed) else (motion,):
+            self._path_length += element.length
+        return motion
+
+    def _event(self, kind: EventKind, value: float | None = None, text: str = "") -> Event:
+        return Event(self._line, kind, self._path_length, value, text)
+
+    def _messages(self, block: Block) -> Iterator[Event]:
+        for comment in block.comments:
+            if comment[: len(_MESSAGE)].lower() == _MESSAGE:
+                yield self._event("message", text=comment[len(_MESSAGE) : -1].strip())
+
+    # what concerns spindle, tool, coolant and time
+
+    def _machine_words(self, block: Block, words: dict[str, float]) -> Iterator[Event]:
+        if "S" in words:
+            self._speed = self._not_negative(block, words, "S", "the spindle speed")
+            yield self._event("spindle_speed", self._speed)
+        if "T" in words:
+            self._tool = float(self._whole(block, words, "T", "the tool"))
+            yield self._event("tool_select", self._tool)
+        if "tool change" in words:
+            yield self._event("tool_change", self._tool)
+        if "spindle" in words:
+            code = words["spindle"]
+            yield self._event(EVENTS[code], None if code == 5.0 else self._speed)
+        if "coolant" in words:
+            yield self._event(EVENTS[words["coolant"]])
+        if words.get("non-modal") == 4.0:
+            if "P" not in words:
+                raise block.error("G4 needs its time: P, in seconds")
+            yield self._event("dwell", self._not_negative(block, words, "P", "the time"))
+
+    # the modes
+
+    def _modes(self, block: Block, words: dict[str, float]) -> None:
+        """Take over what stays in force; the words of neutral states (G40, G49, G54, G94) need nothing done."""
+        if "plane" in words:
+            self._plane = _PLANES[words["plane"]]
+        if "units" in words:
+            self._unit = MM_PER_INCH if words["units"] == 20.0 else 1.0
+        if "path mode" in words:
+            self._path_mode = self._read_path_mode(block, words)
+        if "distance mode" in words:
+            self._absolute = words["distance mode"] == 90.0
+        if "arc distance mode" in words:
+            self._absolute_center = words["arc distance mode"] == 90.1
+
+    def _read_path_mode(self, block: Block, words: dict[str, float]) -> PathMode:
+        code = f"G{words['path mode']:g}"
+        if code != "G64":
+            return PathMode(code)
+        if "Q" in words and "P" not in words:
+            raise block.error("G64 with Q needs P, the largest deviation from the path")
+        if "P" not in words:
+            return PathMode(code)
+        tolerance = self._not_negative(block, words, "P", "the deviation from the path")
+        naive_cam = self._not_negative(block, words, "Q", "the deviation of the points") if "Q" in words else tolerance
+        return PathMode(code, tolerance * self._unit / MM_PER_M, naive_cam * self._unit / MM_PER_M)
+
+    # words of the axes that ask for something else than the motion in force
+
+    def _axis_words_without_motion(self, block: Block, words: dict[str, float]) -> Iterator[Motion]:
+        code = words.get("non-modal", 4.0)
+        if code in (4.0, 53.0):
             return
+        axes = {axis: words[axis] for axis in _AXES if axis in words}
+        if code != 92.1 and words.get("motion", NO_MOTION) != NO_MOTION:
+            raise block.error(f"G{code:g} and G{words['motion']:g} both take the words of the axes: make it two blocks")
+        if code == 92.1:
+            self._origin = self._zero
+            return
+        if code == 92.0:
+            if not axes:
+                raise block.error("G92 needs X, Y or Z: what the position is to be called")
+            self._rename(axes)
+        else:
+            yield from self._reference(
+                block, axes, self._parameters.g28_pose if code == 28.0 else self._parameters.g30_pose
+            )
+        for axis in axes:
+            del words[axis]
 
+    def _rename(self, axes: dict[str, float]) -> None:
+        """G92: the origin comes to lie so that the position has these coordinates."""
+        x, y, z = (
+            self._position[index] - axes[axis] * self._unit / MM_PER_M if axis in axes else self._origin[index]
+            for index, axis in enumerate(_AXES)
+        )
+        self._origin = (x, y, z)
 
-def canonical_motion(motions: Iterable[Element], zero: Vector) -> list[dict[str, Any]]:
-    """The motions (of `read_motions`, or a toolpath) as `pkm_cnc check --json` lists them.
+    def _reference(self, block: Block, axes: dict[str, float], pose: tuple[float, ...]) -> Iterator[Motion]:
+        """G28, G30: by way of the point that is programmed, if one is, to the pose; only in the axes that are named."""
+        end = (pose[0], pose[1], pose[2])
+        if axes:
+            by_way_of = self._target(axes, self._origin, self._absolute)
+            yield self._moved(self._straight(block, by_way_of, TRAVERSE, self._rapid))
+            x, y, z = (pose[index] if axis in axes else self._position[index] for index, axis in enumerate(_AXES))
+            end = (x, y, z)
+        yield self._moved(self._straight(block, end, TRAVERSE, self._rapid))
 
-    Each has "kind" ("traverse", "feed", "arc"), "line", "end_mm" [x, y, z] relative to `zero` (m, in `base_link`) and
-    "feed_mm_min" (for a traverse the rapid); an arc also "center_mm", relative to `zero` and as programmed if it is,
-    "turns" (+1 counter-clockwise, -1 clockwise) and "plane".
-    """
-    return [_listed(motion, zero) for motion in motions]
+    def _check_takers(self, block: Block, words: dict[str, float]) -> None:
+        """Refuse a P or Q that no word of the block takes, and a P that two could."""
+        arc = words.get("motion", self._mode) in ARCS and not (_GEOMETRY | {"motion"}).isdisjoint(words)
+        possible = {"G4": words.get("non-modal") == 4.0, "G64": words.get("path mode") == 64.0, "an arc": arc}
+        takers = [name for name, takes in possible.items() if takes]
+        if "P" in words and not takers:
+            raise block.error("P belongs to G4, to G64, and to an arc (G2, G3)")
+        if "P" in words and len(takers) > 1:
+            raise block.error(f"P could belong to {' and to '.join(takers)}: make it two blocks")
+        if "Q" in words and not possible["G64"]:
+            raise block.error("Q belongs to G64")
 
+    # motion
 
-def _listed(motion: Element, zero: Vector) -> dict[str, Any]:
-    entry: dict[str, Any] = {
-        "kind": "arc" if isinstance(motion, Arc) else "traverse" if motion.traverse else "feed",
-        "line": motion.line,
-        "end_mm": _program_mm(motion.end, zero),
-        "feed_mm_min": round(motion.feed * MM_PER_MIN, 9),
-    }
-    if isinstance(motion, Arc):
-        entry["center_mm"] = _program_mm(motion.programmed_center or motion.center, zero)
-        entry["turns"] = 1 if motion.sweep > 0.0 else -1
-        entry["plane"] = "xy"
-    return entry
+    def _motion(self, block: Block, words: dict[str, float], machine_coordinates: bool) -> Motion:
+        mode = self._mode
+        if mode is None:
+            raise block.error("a motion needs G0, G1, G2 or G3 before it or in its block")
+        speed = self._rapid if mode == TRAVERSE else self._feed
+        if speed <= 0.0:
+            raise block.error(f"G{mode:g} needs a feed: no F word above 0 in this block or before")
+        if machine_coordinates:
+            self._check_machine_coordinates(block, words, mode)
+            end = self._target(words, (0.0, 0.0, 0.0), True)
+        else:
+            end = self._target(words, self._origin, self._absolute)
+        if mode in ARCS:
+            return self._arc(block, words, end)
+        for letter in _ARC_ONLY:
+            if letter in words:
+                raise block.error(f"{letter} belongs to G2 and G3, the motion here is G{mode:g}")
+        return self._straight(block, end, mode, speed)
 
+    def _target(self, words: dict[str, float], origin: Vector, absolute: bool) -> Vector:
+        x, y, z = base = self._position
+        unit = self._unit
+        if absolute:
+            base = origin
+        return (
+            base[0] + words["X"] * unit / MM_PER_M if "X" in words else x,
+            base[1] + words["Y"] * unit / MM_PER_M if "Y" in words else y,
+            base[2] + words["Z"] * unit / MM_PER_M if "Z" in words else z,
+        )
 
-def _program_mm(point: Vector, zero: Vector) -> list[float]:
-    # a pm is far below the resolution of a program (1 nm); adding 0.0 turns -0.0 into 0.0
-    return [round((value - origin) * MM_PER_M, 9) + 0.0 for value, origin in zip(point, zero, strict=True)]
+    def _straight(self, block: Block, end: Vector, mode: float, speed: float) -> Line:
+        traverse = mode == TRAVERSE
+        evaluated = mode == FEED and not (block.comments and _marked_not_evaluated(block))
+        line = Line(block.line, self._position, end, speed, traverse, evaluated, self._path_mode)
+        if line.length < ZERO_LENGTH:
+            return Line(block.line, self._position, self._position, speed, traverse, evaluated, self._path_mode)
+        return line
 
+    def _check_machine_coordinates(self, block: Block, words: dict[str, float], mode: float) -> None:
+        if mode in ARCS:
+            raise block.error(f"G53 belongs to G0 and G1, the motion here is G{mode:g}")
+        if not any(axis in words for axis in _AXES):
+            raise block.error("G53 needs X, Y or Z")
 
-def _words_by_meaning(block: Block) -> dict[str, float]:
-    """The block's numbers by letter or, for G and M, by modal group. Raises ProgramError for what is not read here."""
-    words: dict[str, float] = {}
-    for word in block.words:
-        letter, number = word
-        meaning = letter if letter in _VALUES else _MODAL_GROUPS.get(word)
-        if meaning is None:
-            raise block.error(_why_not_supported(letter, number))
-        if meaning in words:
-            if meaning in _VALUES:
-                raise block.error(f"two {letter} words")
-            both = f"{letter}{words[meaning]:g} and {letter}{number:g}"
-            raise block.error(f"{both} are of one modal group ({meaning}), only one is allowed in a block")
-        words[meaning] = number
-    return words
+    def _arc(self, block: Block, words: dict[str, float], end: Vector) -> ArcFeed:
+        plane = self._plane
+        own = [_OFFSETS[plane], _OFFSETS[(plane + 1) % 3]]
+        for letter in _OFFSETS:
+            if letter in words and letter not in own:
+                raise block.error(
+                    f"{letter} is not in the plane {_PLANE_CODES[plane]}: its arcs have {' '.join(sorted(own))}"
+                )
+        by_center, by_radius = any(letter in words for letter in own), "R" in words
+        if by_center == by_radius:
+            both = ", not both" if by_center else ""
+            raise block.error(f"an arc takes a center ({' '.join(sorted(own))}) or a radius (R){both}")
+        turns = self._whole(block, words, "P", "the number of turns") if "P" in words else 1
+        if not 1 <= turns <= LARGEST_TURNS:
+            raise block.error(f"the number of turns, P{turns}, is not from 1 to {LARGEST_TURNS}")
+        evaluated = not (block.comments and _marked_not_evaluated(block))
+        direction = 1.0 if self._mode == ARCS[1] else -1.0
+        common = ArcWords(block.line, plane, direction, turns, self._feed, evaluated, self._path_mode)
+        try:
+            if by_radius:
+                return arc_of_radius(common, self._position, end, words["R"] * self._unit / MM_PER_M)
+            i, j = self._center(block, words, own)
+            radii = ARC_RADII_MM if self._unit == 1.0 else ARC_RADII_INCH
+            return arc_about_center(common, self._position, end, i, j, radii)
+        except ArcError as error:
+            raise block.error(str(error)) from None
 
+    def _center(self, block: Block, words: dict[str, float], own: list[str]) -> list[float]:
+        """From the start to the center, m, along the plane's axes."""
+        if not self._absolute_center:
+            return [words.get(letter, 0.0) * self._unit / MM_PER_M for letter in own]
+        missing = [letter for letter in own if letter not in words]
+        if missing:
+            raise block.error(f"with G90.1 a center needs both its coordinates: {missing[0]} is missing")
+        start, origin = self._plane.coordinates(self._position), self._plane.coordinates(self._origin)
+        return [
+            origin[index] + words[letter] * self._unit / MM_PER_M - start[index] for index, letter in enumerate(own)
+        ]
 
-def _why_not_supported(letter: str, number: float) -> str:
-    if letter == "N":
-        return "N word not at the start of the block"
-    known = [f"{letter}{code:g}" for group, code in _MODAL_GROUPS if group == letter]
-    spelled = f"{letter}{number:.12g}"
-    return f"{spelled} is not supported" + (f" (known: {' '.join(known)})" if known else "")
+    # numbers
 
+    def _not_negative(self, block: Block, words: dict[str, float], letter: str, name: str) -> float:
+        number = words[letter]
+        if number < 0.0:
+            raise block.error(f"{name} {letter}{number:g} is negative")
+        return number
 
-def _feed(block: Block, number: float) -> float:
-    if number < 0.0:
-        raise block.error(f"the feed F{number:g} is negative")
-    return number / MM_PER_MIN
+    def _whole(self, block: Block, words: dict[str, float], letter: str, name: str) -> int:
+        number = words[letter]
+        if number < 0.0 or abs(number - round(number)) > WHOLE:
+            raise block.error(f"{name}, {letter}{number:g}, is not a whole number from 0 on")
+        return round(number)
 
+    def _known(self) -> dict[Key, Callable[[], float]]:
+        """The parameters that a program can read of its own state, in its length unit."""
 
-def _motion(
-    block: Block, words: dict[str, float], mode: float | None, position: Vector, zero: Vector, speed: float
-) -> Element:
-    if mode is None:
-        raise block.error("a motion needs G0, G1, G2 or G3 before it or in its block")
-    if speed <= 0.0:
-        raise block.error(f"G{mode:g} needs a feed: no F word above 0 in this block or before")
-    x, y, z = position
-    x0, y0, z0 = zero
-    end = (
-        x0 + words["X"] / MM_PER_M if "X" in words else x,
-        y0 + words["Y"] / MM_PER_M if "Y" in words else y,
-        z0 + words["Z"] / MM_PER_M if "Z" in words else z,
-    )
-    evaluated = mode != _TRAVERSE and not (block.comments and _marked_not_evaluated(block))
-    if mode in _ARCS:
-        return _arc(block, words, 1.0 if mode == _ARC_CCW else -1.0, position, end, speed, evaluated)
-    for letter in "IJR":
-        if letter in words:
-            raise block.error(f"{letter} belongs to G2 and G3, the motion here is G{mode:g}")
-    line = Line(block.line, position, end, speed, mode == _TRAVERSE, evaluated)
-    if line.length < ZERO_LENGTH:
-        return Line(block.line, position, position, speed, mode == _TRAVERSE, evaluated)
-    return line
+        def in_units(vector: Callable[[], tuple[float, ...]], index: int) -> Callable[[], float]:
+            return lambda: vector()[index] * MM_PER_M / self._unit
+
+        vectors: dict[int, Callable[[], tuple[float, ...]]] = {
+            5161: lambda: self._parameters.g28_pose,
+            5181: lambda: self._parameters.g30_pose,
+            5211: lambda: tuple(a - b for a, b in zip(self._origin, self._zero, strict=True)),
+            5221: lambda: self._zero,
+            5420: lambda: tuple(a - b for a, b in zip(self._position, self._origin, strict=True)),
+        }
+        known: dict[Key, Callable[[], float]] = {
+            first + index: in_units(vector, index) for first, vector in vectors.items() for index in range(3)
+        }
+        known |= {f"_{axis}": known[5420 + index] for index, axis in enumerate(_AXES)}
+        known |= {
+            5220: lambda: 1.0,
+            "_FEED": lambda: self._feed * MM_PER_MIN / self._unit,
+            "_RPM": lambda: self._speed,
+            "_METRIC": lambda: float(self._unit == 1.0),
+            "_IMPERIAL": lambda: float(self._unit != 1.0),
+            "_ABSOLUTE": lambda: float(self._absolute),
+            "_INCREMENTAL": lambda: float(not self._absolute),
+        }
+        return known
 
 
 def _marked_not_evaluated(block: Block) -> bool:
     return any("".join(comment.split()).lower() == _NOT_EVALUATED for comment in block.comments)
-
-
-def _arc(
-    block: Block, words: dict[str, float], direction: float, start: Vector, end: Vector, feed: float, evaluated: bool
-) -> Arc:
-    """The arc of one block; `direction` is +1 counter-clockwise, -1 clockwise.
-
-    An arc that does not close is put through exactly its start and end: its center lies on their perpendicular
-    bisector, for I and J at the point of it nearest to the programmed center. Where that would take the arc further
-    than ARC_RADII off the programmed circle (a long arc between ends close together) the block is refused.
-    """
-    by_center, by_radius = "I" in words or "J" in words, "R" in words
-    if by_center == by_radius:
-        raise block.error("an arc takes a center (I J) or a radius (R)" + (", not both" if by_center else ""))
-    if abs(end[2] - start[2]) >= ZERO_LENGTH:
-        raise block.error("a helix (an arc with a Z word that changes z) is not supported")
-    end = (end[0], end[1], start[2])
-    dx, dy = end[0] - start[0], end[1] - start[1]
-    chord = math.sqrt(dx * dx + dy * dy)
-    i, j = words.get("I", 0.0) / MM_PER_M, words.get("J", 0.0) / MM_PER_M
-    if chord < ZERO_LENGTH:
-        center = _center_of_full_circle(block, by_radius, start, i, j)
-        return Arc(block.line, start, start, feed, False, evaluated, center, direction * math.tau)
-    if by_radius:
-        left = direction * _distance_to_chord(block, words["R"] / MM_PER_M, chord)
-    else:
-        left = _center_left_of_chord(block, direction, i, j, dx, dy, chord)
-    center = (0.5 * (start[0] + end[0]) - left * dy / chord, 0.5 * (start[1] + end[1]) + left * dx / chord, start[2])
-    sweep = 2.0 * direction * math.atan2(0.5 * chord, direction * left)
-    programmed = (start[0] + i, start[1] + j, start[2]) if by_center else None
-    return Arc(block.line, start, end, feed, False, evaluated, center, sweep, programmed)
-
-
-def _center_of_full_circle(block: Block, by_radius: bool, start: Vector, i: float, j: float) -> Vector:
-    if by_radius:
-        raise block.error("an arc with R needs an end other than its start: a full circle takes I J")
-    if math.sqrt(i * i + j * j) < ZERO_LENGTH:
-        raise block.error("the arc's radius is zero")
-    return start[0] + i, start[1] + j, start[2]
-
-
-def _distance_to_chord(block: Block, radius: float, chord: float) -> float:
-    """Distance from center to chord (m), + for the shorter arc (R > 0), - for the longer (R < 0)."""
-    if chord - 2.0 * abs(radius) > ARC_RADII:
-        raise block.error(
-            f"radius too small: the end is {_mm(chord)} from the start, twice the radius is {_mm(2.0 * abs(radius))}"
-        )
-    return math.copysign(math.sqrt(max(radius * radius - 0.25 * chord * chord, 0.0)), radius)
-
-
-def _center_left_of_chord(
-    block: Block, direction: float, i: float, j: float, dx: float, dy: float, chord: float
-) -> float:
-    """Distance of the programmed center from the chord (m), + to the left of the way from start to end."""
-    at_start, at_end = math.sqrt(i * i + j * j), math.sqrt((i - dx) * (i - dx) + (j - dy) * (j - dy))
-    radii = f"{_mm(at_start)} at its start, {_mm(at_end)} at its end"
-    if min(at_start, at_end) < ZERO_LENGTH:
-        raise block.error(f"the arc's radius is zero: {radii}")
-    if abs(at_start - at_end) > ARC_RADII:
-        difference = _mm(abs(at_start - at_end))
-        raise block.error(f"the arc's radii disagree: {radii}, difference {difference} (at most {_mm(ARC_RADII)})")
-    left = (dx * j - dy * i) / chord
-    shift = abs((dx * i + dy * j) / chord - 0.5 * chord)
-    if direction * left <= 0.0 and shift > ARC_RADII:
-        raise block.error(
-            f"no circle through start and end, {_mm(chord)} apart, is near the programmed one: radius {radii}; "
-            "make the radii equal, or for a full circle the end equal to the start"
-        )
-    return left
-
-
-def _mm(length: float) -> str:
-    return f"{length * MM_PER_M:.6f} mm"

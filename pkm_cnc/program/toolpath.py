@@ -1,26 +1,100 @@
 """The programmed contour: lines and arcs in `base_link`, each known by its path length s.
 
 All is SI (m, rad, m/s). The methods of the elements run in every servo cycle, hence plain floats and `math`.
+An arc is a circle or a helix: with the angle t travelled, on radius r and with the axial motion h per radian, its path
+length is s = t sqrt(r^2 + h^2).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Literal, NamedTuple
 
 from pkm_cnc.records import Vector
 from pkm_cnc.tolerances import ZERO_LENGTH
 
-__all__ = ["Arc", "Element", "Line", "Toolpath"]
+__all__ = ["EXACT_PATH", "Arc", "Element", "Event", "EventKind", "Line", "PathMode", "Plane", "Toolpath"]
+
+_NEWTON_STEPS = 60
+"""Steps of the safeguarded Newton iteration: from any bracket, bisection alone would be down to rounding by then."""
+_NEWTON_END = 1e-15
+"""1. A Newton step below this, relative to 1 rad and the angle, ends it: some rounding errors of either."""
+
+
+class Plane(IntEnum):
+    """The plane of an arc: its value is the index of its first axis; its second and its normal follow cyclically."""
+
+    XY = 0
+    YZ = 1
+    ZX = 2
+
+    def coordinates(self, v: Vector) -> Vector:
+        """The coordinates of x y z along the plane's first and second axis and along its normal."""
+        return v if self == 0 else (v[1], v[2], v[0]) if self == 1 else (v[2], v[0], v[1])
+
+    def vector(self, a: float, b: float, c: float) -> Vector:
+        """x y z of what has these coordinates along the plane's first and second axis and along its normal."""
+        return (a, b, c) if self == 0 else (c, a, b) if self == 1 else (b, c, a)
+
+
+class PathMode(NamedTuple):
+    """How the path is kept between motions (G61, G61.1, G64), as the program asks for it.
+
+    `code` is the word; for G64 `tolerance` (m) is the largest deviation allowed, None = as the machine likes, and
+    `naive_cam` (m) the deviation within which points in a line may be joined, None = none.
+    """
+
+    code: str
+    tolerance: float | None = None
+    naive_cam: float | None = None
+
+
+EXACT_PATH = PathMode("G61")
+
+
+EventKind = Literal[
+    "program_stop",
+    "optional_stop",
+    "program_end",
+    "spindle_speed",
+    "spindle_clockwise",
+    "spindle_counterclockwise",
+    "spindle_stop",
+    "tool_select",
+    "tool_change",
+    "mist_on",
+    "flood_on",
+    "coolant_off",
+    "dwell",
+    "message",
+]
+"""What a program can ask for besides motion."""
+
+
+class Event(NamedTuple):
+    """What a program asks for besides motion, where it happens: between two motions, at `path_length` (m).
+
+    `line` is its line in the part program, `value` its number: rpm, tool, seconds of a dwell; None where there is none.
+    `text` is that of a message to the operator.
+    """
+
+    line: int
+    kind: EventKind
+    path_length: float
+    value: float | None = None
+    text: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
     """A straight motion from `start` to `end` (m, in `base_link`) with path speed `feed` (m/s).
 
-    `line` is its line in the part program; `traverse` tells a rapid; `evaluated` whether its contour error counts.
-    `length` (m) follows from the ends. A line without length has the tangent (0, 0, 0) and is no part of a toolpath.
+    `line` is its line in the part program; `traverse` tells a rapid; `evaluated` whether its contour error counts;
+    `path_mode` how the path is to be kept at its end. `length` (m) follows from the ends. A line without
+    length has the tangent (0, 0, 0) and is no part of a toolpath.
     """
 
     line: int
@@ -29,6 +103,7 @@ class Line:
     feed: float
     traverse: bool
     evaluated: bool
+    path_mode: PathMode = EXACT_PATH
     length: float = field(init=False, repr=False, compare=False)
     _tangent: Vector = field(init=False, repr=False, compare=False)
 
@@ -70,12 +145,12 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """A circular motion about `center`, parallel to the x-y plane: `start`, `end` and `center` have one z.
+    """A circular or helical motion about the axis through `center`, normal to `plane`.
 
-    The first fields are those of `Line`. `sweep` (rad) is the angle travelled, + counter-clockwise seen from +z, at
-    most one full turn; a full circle has `sweep` = +-2 pi. `radius` and `length` (m) follow.
-    `programmed_center` is the center as the part program gives it, None if it does not: the arc itself is put through
-    its ends exactly.
+    The first fields are those of `Line`. `sweep` (rad) is the angle travelled, + counter-clockwise seen from the tip
+    of the plane's normal (+z, +x, +y); a full circle has `sweep` = +-2 pi, more turns have more. `center` (m) has the
+    coordinate of `start` along the normal; where that of `end` differs the arc is a helix. `radius` (m), in the plane,
+    and `length` (m), along the path, follow.
     """
 
     line: int
@@ -86,19 +161,29 @@ class Arc:
     evaluated: bool
     center: Vector
     sweep: float
-    programmed_center: Vector | None = field(default=None, repr=False, compare=False)
+    plane: Plane = Plane.XY
+    path_mode: PathMode = EXACT_PATH
     radius: float = field(init=False, repr=False, compare=False)
     length: float = field(init=False, repr=False, compare=False)
-    _spoke: tuple[float, float] = field(init=False, repr=False, compare=False)  # center to start, x y
-    _turning: float = field(init=False, repr=False, compare=False)  # signed curvature, + counter-clockwise
+    _spoke: tuple[float, float] = field(init=False, repr=False, compare=False)  # center to start, in the plane
+    _turning: float = field(init=False, repr=False, compare=False)  # rad per m of path, + counter-clockwise
+    _climb: float = field(init=False, repr=False, compare=False)  # m along the normal per m of path
 
     def __post_init__(self) -> None:
-        x, y = self.start[0] - self.center[0], self.start[1] - self.center[1]
+        a, b, c = self.plane.coordinates(self.start)
+        center_a, center_b, _ = self.plane.coordinates(self.center)
+        x, y, rise = a - center_a, b - center_b, self.plane.coordinates(self.end)[2] - c
         radius = math.sqrt(x * x + y * y)
+        length = radius * abs(self.sweep)
+        turning, climb = math.copysign(1.0 / radius, self.sweep), 0.0
+        if rise != 0.0:
+            length = math.sqrt(length * length + rise * rise)
+            turning, climb = self.sweep / length, rise / length
         object.__setattr__(self, "radius", radius)
-        object.__setattr__(self, "length", radius * abs(self.sweep))
+        object.__setattr__(self, "length", length)
         object.__setattr__(self, "_spoke", (x, y))
-        object.__setattr__(self, "_turning", math.copysign(1.0 / radius, self.sweep))
+        object.__setattr__(self, "_turning", turning)
+        object.__setattr__(self, "_climb", climb)
 
     def position(self, s: float) -> Vector:
         """Point at path length `s` (m), exactly `start` at and before 0, exactly `end` at and after `length`."""
@@ -107,51 +192,85 @@ class Arc:
         if s >= self.length:
             return self.end
         x, y = self._spoke_at(s)
-        cx, cy, z = self.center
-        return cx + x, cy + y, z
+        a, b, c = self.plane.coordinates(self.center)
+        return self.plane.vector(a + x, b + y, c + s * self._climb)
 
     def tangent(self, s: float) -> Vector:
         """Unit tangent in the direction of travel at path length `s` (m), clamped to [0, length]."""
         x, y = self._spoke_at(s)
         turning = self._turning
-        return -turning * y, turning * x, 0.0
+        return self.plane.vector(-turning * y, turning * x, self._climb)
 
     def curvature(self, s: float) -> Vector:
-        """Derivative of the tangent by the path length (1/m) at `s` (m), clamped to [0, length]: towards the center."""
+        """Derivative of the tangent by the path length (1/m) at `s` (m), clamped to [0, length]: towards the axis."""
         x, y = self._spoke_at(s)
         square = self._turning * self._turning
-        return -square * x, -square * y, 0.0
+        return self.plane.vector(-square * x, -square * y, 0.0)
 
     def nearest(self, point: Vector, near: float) -> float:
         """Path length (m) in [0, length] of the point of the arc nearest to `point` (m).
 
-        Below a full turn that is the true nearest point; between equally near ends the start. On a full circle one
-        angle belongs to s = 0 and to s = length: the angle is unwrapped to the branch nearest to the hint `near` (m,
-        path length of the last known foot) and then clamped, so a tool that still lags behind the start has its foot
-        at 0 and one that has run past the end has it at `length`. A point on the arc's axis is equally far from all of
-        the arc: `near`, clamped.
+        Below a full turn that is the true nearest point; between equally near ones the first. From a full turn on one
+        angle belongs to several path lengths: looked for is the nearest point within half a turn of the hint `near`
+        (m, path length of the last known foot), so a tool that still lags behind the start of a circle has its foot
+        at 0 and one that has run past the end has it at `length`. A point on a circle's axis is equally far from all
+        of it: `near`, clamped.
         """
-        length = self.length
-        cx, cy, _ = self.center
-        dx, dy = point[0] - cx, point[1] - cy
-        if dx * dx + dy * dy < ZERO_LENGTH * ZERO_LENGTH:
-            return min(max(near, 0.0), length)
+        a, b, c = self.plane.coordinates(point)
+        center_a, center_b, center_c = self.plane.coordinates(self.center)
+        dx, dy = a - center_a, b - center_b
         x, y = self._spoke
         angle = math.atan2(x * dy - y * dx, x * dx + y * dy)
         if self._turning < 0.0:
             angle = -angle
+        if self._climb != 0.0:
+            return self._nearest_on_helix(math.sqrt(dx * dx + dy * dy), angle, c - center_c, near)
+        return self._nearest_on_circle(dx * dx + dy * dy, angle, near)
+
+    def _nearest_on_circle(self, distance_squared: float, angle: float, near: float) -> float:
+        length = self.length
+        if distance_squared < ZERO_LENGTH * ZERO_LENGTH:
+            return min(max(near, 0.0), length)
         turn = abs(self.sweep)
         if turn >= math.tau:
-            s = angle * self.radius
-            return min(max(s + length * round((near - s) / length), 0.0), length)
+            s, circumference = angle * self.radius, self.radius * math.tau
+            return min(max(s + circumference * round((near - s) / circumference), 0.0), length)
         if angle < 0.0:
             angle += math.tau
         if angle <= turn:
             return min(angle * self.radius, length)
         return length if angle - turn < math.tau - angle else 0.0
 
+    def _nearest_on_helix(self, distance: float, angle: float, height: float, near: float) -> float:
+        """The same for a helix, the point given by its distance from the axis, its angle (travel = +) and its height.
+
+        Half the squared distance to the point at angle t is f(t) = (r^2 + d^2) / 2 - r d cos(t - angle) +
+        (h t - height)^2 / 2, h the rise per radian. It is convex where cos(t - angle) >= -h^2 / (r d): once a turn, or
+        everywhere. Its least value in a range is at an end of the range or the one minimum of a convex part.
+        """
+        turn = abs(self.sweep)
+        speed = self.length / turn
+        h, rd = self._climb * speed, self.radius * distance
+        low, high = 0.0, turn
+        if turn >= math.tau:
+            middle = min(max(near / speed, 0.0), turn)
+            low, high = max(middle - math.pi, 0.0), min(middle + math.pi, turn)
+
+        def slope(t: float) -> float:
+            return rd * math.sin(t - angle) + h * (h * t - height)
+
+        def rate(t: float) -> float:
+            return rd * math.cos(t - angle) + h * h
+
+        found = [low]
+        for begin, end in _convex_parts(low, high, angle, math.acos(-h * h / rd) if h * h < rd else math.inf):
+            found.append(_zero(slope, rate, begin, end))
+        found.append(high)
+        best = min(found, key=lambda t: 0.5 * (h * t - height) ** 2 - rd * math.cos(t - angle))
+        return min(best * speed, self.length)
+
     def _spoke_at(self, s: float) -> tuple[float, float]:
-        """From the center to the point at `s`, x y: the start's spoke turned by the angle travelled."""
+        """From the axis to the point at `s`, in the plane: the start's spoke turned by the angle travelled."""
         if s <= 0.0:
             return self._spoke
         if s > self.length:
@@ -162,18 +281,55 @@ class Arc:
         return x * cosine - y * sine, x * sine + y * cosine
 
 
+def _convex_parts(low: float, high: float, angle: float, half: float) -> Iterator[tuple[float, float]]:
+    """What of [low, high] lies within `half` of `angle` or of a whole number of turns from it, in order."""
+    if half == math.inf:
+        yield low, high
+        return
+    for turn in range(math.ceil((low - angle - half) / math.tau), math.floor((high - angle + half) / math.tau) + 1):
+        middle = angle + turn * math.tau
+        begin, end = max(low, middle - half), min(high, middle + half)
+        if begin < end:
+            yield begin, end
+
+
+def _zero(value: Callable[[float], float], rate: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function that does not fall is zero in [low, high], or the end that is nearest to that.
+
+    Newton's iteration within a bracket; a step that would leave it is replaced by halving it.
+    """
+    if value(low) >= 0.0:
+        return low
+    if value(high) <= 0.0:
+        return high
+    t = 0.5 * (low + high)
+    for _ in range(_NEWTON_STEPS):
+        f = value(t)
+        if f < 0.0:
+            low = t
+        else:
+            high = t
+        slope = rate(t)
+        newton = t - f / slope if slope > 0.0 else low
+        if abs(newton - t) <= _NEWTON_END * (1.0 + abs(t)):
+            return newton
+        t = newton if low < newton < high else 0.5 * (low + high)
+    return t
+
+
 Element = Line | Arc
 
 
 @dataclass(frozen=True, slots=True)
 class Toolpath:
-    """The elements of a part program in order, each starting exactly where the one before ends.
+    """The elements of a part program in order, each starting exactly where the one before ends, and its events.
 
     `starts` is the path length (m) at each element's start, `length` (m) that at the end of the last.
     Raises ValueError for elements that do not connect, an element without length, no elements.
     """
 
     elements: tuple[Element, ...]
+    events: tuple[Event, ...] = ()
     starts: tuple[float, ...] = field(init=False, repr=False, compare=False)
     length: float = field(init=False, repr=False, compare=False)
 
