@@ -19,9 +19,15 @@ from pkm_cnc.parameters import parameters_of
 from pkm_cnc.program import Program
 from pkm_cnc.simulation import simulated_cycles
 
-mpmath.mp.dps = 40
 STEP = mpmath.mpf("1e-10")
 """m. Central differences at 40 digits: truncated at 1e-20, rounded at 1e-20 in the second one."""
+
+
+@pytest.fixture(autouse=True)
+def forty_digits():
+    with mpmath.workdps(40):
+        yield
+
 
 NAMES = sorted(machine_files())
 KEPT = {"monopod": {"start_u", "strut_length_error"}}
