@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import re
 
 from pkm_cnc.report.figure import Table
 
-__all__ = ["cell", "numeric_columns", "text_table"]
+__all__ = ["cell", "numeric_columns", "plain", "text_table"]
+
+_NO_TEXT = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
+
+
+def plain(text: str) -> str:
+    """The text with U+FFFD for what no file may hold: control characters, bytes of a file name that are no UTF-8."""
+    return _NO_TEXT.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def text_table(table: Table) -> str:

@@ -69,6 +69,13 @@ def page_of(*panels):
 
 def test_every_kind_of_panel(browse, tmp_path):
     curves = [Curve("a", X, X * X), Curve("b", X, X, kind="points"), Curve("c", X, -X, role="programmed")]
+    others = [
+        Curve("a", X, X, kind="line and points", bars=0.1 * X),
+        Curve("", np.array([0.0, 1.0, 1.0]), np.array([0.0, 0.0, 1.0]), kind="area"),
+        Curve("d", X, -X, arrow=True, like="a", value=X, value_label="dR (um)"),
+        Curve("e", X, 0.0 * X, role="aside"),
+        Curve("f", X, 0.5 + 0.0 * X, role="scale"),
+    ]
     check(
         browse,
         tmp_path / "page",
@@ -76,8 +83,25 @@ def test_every_kind_of_panel(browse, tmp_path):
             Panel("lines", "x (mm)", "y (um)", curves),
             Panel("plan", "x (mm)", "y (mm)", curves, equal=True),
             Panel("map", "x (mm)", "y (mm)", curves[:1], map=GRID),
+            Panel("others", "x (mm)", "y (mm)", others, rows=2, x_range=(0.0, 2.0), y_range=(-1.0, 1.0)),
         ),
     )
+
+
+def test_panels_that_share_their_x_are_zoomed_together(browse, tmp_path):
+    panels = [Panel(name, "x", "y", [Curve(name, X, X)]) for name in "abc"]
+    page = Page("a", "b", "c", [], [Figure("together", "", panels[:2], share_x=True), Figure("alone", "", panels[:2])])
+    path = write_page(tmp_path / "page", page)[-1]
+    zoom = """<script>["together", "alone"].forEach(name => {
+        Plotly.relayout("figure-" + name + "-1", {"xaxis.range": [0.25, 0.5]}).then(() => setTimeout(() => {
+            document.body.append(name + ":" + document.getElementById("figure-" + name + "-2").layout.xaxis.range + ";");
+        }, 1000));
+    });</script></body>"""
+    path.write_text(path.read_text(encoding="utf-8").replace("</body>", zoom), encoding="utf-8")
+    dom, console = browse(path)
+    assert console == []
+    assert "together:0.25,0.5;" in dom
+    assert re.search(r"alone:(?!0.25)[^;]+;", dom)
 
 
 def test_what_is_broken_is_found(browse, tmp_path):
