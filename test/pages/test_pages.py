@@ -94,7 +94,8 @@ def test_panels_that_share_their_x_are_zoomed_together(browse, tmp_path):
     path = write_page(tmp_path / "page", page)[-1]
     zoom = """<script>["together", "alone"].forEach(name => {
         Plotly.relayout("figure-" + name + "-1", {"xaxis.range": [0.25, 0.5]}).then(() => setTimeout(() => {
-            document.body.append(name + ":" + document.getElementById("figure-" + name + "-2").layout.xaxis.range + ";");
+            const other = document.getElementById("figure-" + name + "-2");
+            document.body.append(name + ":" + other.layout.xaxis.range + ";");
         }, 1000));
     });</script></body>"""
     path.write_text(path.read_text(encoding="utf-8").replace("</body>", zoom), encoding="utf-8")
