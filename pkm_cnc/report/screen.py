@@ -30,7 +30,8 @@ _LABEL = 48
 _DRAW = """
 function drawFigure(name, panels) {
   const config = {
-    displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d"],
+    displaylogo: false, responsive: true, typesetMath: false,  // a $ in a name is a $
+    modeBarButtonsToRemove: ["select2d", "lasso2d"],
     showSendToCloud: false, plotlyServerURL: ""  // what a machine does is not sent to anybody
   };
   const plots = panels.map((panel, place) => document.getElementById(name + "-" + (place + 1)));

@@ -10,7 +10,7 @@ import pytest
 from pkm_cnc.config import load_setup
 from pkm_cnc.contour import star_program
 from pkm_cnc.experiments import Lab, experiment_names, experiment_page, load_experiment, simulated
-from pkm_cnc.report import Curve, Figure, Map, Page, Panel, run_page, write_page
+from pkm_cnc.report import Curve, Figure, Map, Note, Page, Panel, run_page, write_page
 
 FLAGS = (
     "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
@@ -19,6 +19,8 @@ FLAGS = (
 SMALL = {
     "star": {"headings": (0.0, 45.0), "feeds": (6000.0,), "pivot": (0.0, 0.0)},
     "circle": {"radii": (20.0,), "feeds": (3000.0,)},
+    "drive-based": {"headings": (0.0, 45.0), "radius": 20.0},
+    "kv-mismatch": {"headings": (0.0, 45.0, 180.0, 225.0), "length": 100.0, "radius": 20.0, "periods": (4.0, 2.0)},
     "workspace-map": {"points": 3, "headings": (0.0, 45.0, 90.0), "jobs": 1},
 }
 """Options that make the longer experiments short."""
@@ -103,6 +105,17 @@ def test_panels_that_share_their_x_are_zoomed_together(browse, tmp_path):
     assert console == []
     assert "together:0.25,0.5;" in dom
     assert re.search(r"alone:(?!0.25)[^;]+;", dom)
+
+
+def test_texts_stay_texts(browse, tmp_path):
+    text = '<img src=x onerror="alert(1)"> </script> %{x} "a" & $b$ \\u0000'
+    curves = [Curve(text, X, X, value=X, value_label=text), Curve("", X, X, kind="points")]
+    panels = [
+        Panel(text, text, text, curves, notes=[Note(0.5, 0.5, text)]),
+        Panel(text, text, text, map=Map(X[:5], X[:4], np.arange(20.0).reshape(4, 5), text)),
+    ]
+    dom = check(browse, tmp_path / "page", Page(text, text, text, [], [Figure("figure", text, panels, text)], [text]))
+    assert re.findall(r"<img (\w+)", dom.partition("<body>")[2]) == ["class"]  # the page's own, for paper
 
 
 def test_what_is_broken_is_found(browse, tmp_path):
