@@ -329,11 +329,9 @@ def test_page_takes_texts_as_texts(tmp_path):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(
-    "text", ["$x$ $\\frac", "a\0b\x1b[31m", "name\udcff.ngc", "\N{CJK UNIFIED IDEOGRAPH-4E2D}", "]]>"]
-)
-def test_any_file_name_can_be_drawn(tmp_path, text):
+def test_any_file_name_can_be_drawn(tmp_path):
     """Mathematics, control characters, bytes that are no UTF-8, letters that the font lacks."""
+    text = "$x$ $\\frac a\0b\x1b[31m \udcff \N{CJK UNIFIED IDEOGRAPH-4E2D} ]]>"
     paths = write_page(tmp_path, every_kind(text))
     for path in paths:
         if path.suffix == ".svg":
