@@ -134,4 +134,8 @@ def read_section(section: type[Section], values: Mapping[str, object], prefix: s
         if name not in known:
             names = ", ".join(f"{prefix}{known_name}" for known_name in known)
             raise InputError(f"{prefix}{name}: unknown parameter; there are {names}")
-    return section(**{name: known[name].check(value, prefix + name) for name, value in values.items()})
+    checked = {name: known[name].check(value, prefix + name) for name, value in values.items()}
+    try:
+        return section(**checked)
+    except InputError as error:  # begins with the key in the section
+        raise InputError(f"{prefix}{error}") from None

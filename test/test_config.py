@@ -147,6 +147,9 @@ def test_a_wrong_type_is_named(parameters, message):
         ({"graph": {"window": 0}}, r"^graph\.window: 0 cycles is below its minimum 1 cycles$"),
         ({"start_pose": [0.0, 0.0, -101.0]}, r"^start_pose\[2\]: -101\.0 m is below its minimum -100\.0 m$"),
         ({"u3": {"drive": {"kv": -1.0}}}, r"^u3\.drive\.kv: -1\.0 1/s is "),
+        ({"travel": {"minimum": 1.5}}, r"^travel\.minimum: 1\.5 m is not below the maximum of 1\.0 m$"),
+        ({"u3": {"travel": {"minimum": 1.5}}}, r"^u3\.travel\.minimum: 1\.5 m is not below the maximum of 1\.0 m$"),
+        ({"u2": {"drive": {"position_integral_time": 1e-9}}}, r"^u2\.drive\.position_integral_time: 1e-09 is below"),
         ({"machine": "octopod"}, r"octopod"),
     ],
 )
