@@ -171,7 +171,7 @@ def setup_from_text(text: str, overrides: Iterable[str] = ()) -> Setup:
 def _flat_file(text: str) -> dict[str, object]:
     try:
         content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: what looks like a date or a number and is none
         raise InputError("not valid YAML: " + " ".join(str(error).split())) from None
     if not isinstance(content, dict) or list(content) != ["/**"] or not isinstance(content["/**"], dict):
         raise InputError("the top level must be '/**:' with 'ros__parameters:' below it")
@@ -206,7 +206,7 @@ def _parse_override(text: str) -> tuple[str, object]:
         raise InputError(f"--set {text}: must be KEY=VALUE, e.g. drive.kv=25")
     try:
         return key.strip(), yaml.safe_load(value)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError):
         raise InputError(f"--set {text}: {value!r} is not a value") from None
 
 

@@ -42,9 +42,7 @@ class Parameter:
         Raises InputError naming `key`, the value and the bound or type it misses.
         """
         kind = type(self.default)
-        if kind is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
-        if kind is float and isinstance(value, str):  # YAML 1.1 reads 1e-6 as a text
+        if kind is float:
             value = _number(value)
         if kind is tuple and isinstance(value, (list, tuple)):
             return self._check_numbers(value, key)
@@ -65,14 +63,15 @@ class Parameter:
             raise InputError(f"{key}: {len(values)} numbers given, a multiple of {self.each} wanted")
         numbers = []
         for index, value in enumerate(values):
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
+            number = _number(value)
+            if not isinstance(number, float):
                 raise InputError(f"{key}[{index}]: {value!r} is not a number")
-            self._check_bounds(value, f"{key}[{index}]")
-            numbers.append(float(value))
+            self._check_bounds(number, f"{key}[{index}]")
+            numbers.append(number)
         return tuple(numbers)
 
     def _check_bounds(self, value: float, key: str) -> None:
-        if not math.isfinite(value):
+        if isinstance(value, float) and not math.isfinite(value):
             raise InputError(f"{key}: {value} is not a finite number")
         unit = f" {self.unit}" if self.unit else ""
         if self.above is not None and not value > self.above:
@@ -83,11 +82,14 @@ class Parameter:
             raise InputError(f"{key}: {value}{unit} is over its maximum {self.maximum}{unit}")
 
 
-def _number(text: str) -> float | str:
+def _number(value: object) -> object:
+    """A whole number, or a text that is a number, as a float: YAML 1.1 reads 1e-6 as a text; all else as it is."""
+    if isinstance(value, bool) or not isinstance(value, (int, str)):
+        return value
     try:
-        return float(text)
-    except ValueError:
-        return text
+        return float(value)
+    except (ValueError, OverflowError):
+        return value
 
 
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text", tuple: "a list of numbers"}
@@ -132,4 +134,8 @@ def read_section(section: type[Section], values: Mapping[str, object], prefix: s
         if name not in known:
             names = ", ".join(f"{prefix}{known_name}" for known_name in known)
             raise InputError(f"{prefix}{name}: unknown parameter; there are {names}")
-    return section(**{name: known[name].check(value, prefix + name) for name, value in values.items()})
+    checked = {name: known[name].check(value, prefix + name) for name, value in values.items()}
+    try:
+        return section(**checked)
+    except InputError as error:  # begins with the key in the section
+        raise InputError(f"{prefix}{error}") from None

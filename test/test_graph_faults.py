@@ -96,6 +96,14 @@ def test_a_fault_is_that_of_the_simulation_and_stands_on_the_diagnostics(ros_dom
     assert end.node == f"{fault.value.args[0].split(': ')[1]}/servo_drive"
 
 
+def test_a_pose_that_cannot_be_reached_is_the_fault_of_the_simulation(ros_domain, program, tmp_path):
+    unstable = ("drive.kind=first_order", "drive.kv=2200", "drive.following_error_limit=1e9")
+    with pytest.raises(MachineFault, match=r"^cycle \d+: slider u\d: wrong assembly branch") as fault:
+        simulated(program, tmp_path / "simulated", *unstable)
+    end = run_graph(program, tmp_path / "bag", *unstable)
+    assert (end.node, end.reason) == ("contour_monitor", str(fault.value))
+
+
 @contextlib.contextmanager
 def scene(script):
     """A visitor and a `tick` that takes one step of `script(visitor)` ten times a second once the machine moves."""
