@@ -418,3 +418,17 @@ def test_looks_differ_in_grey():
     assert len({(look.dashes, look.marker) for look in DATA}) == len(DATA)
     for one, other in itertools.pairwise(DATA):
         assert abs(tone(one) - tone(other)) > 20.0
+
+
+def test_numbers_of_a_column_are_written_alike():
+    rows = [
+        ("a", 9.694637123, 1, 2.5e-16, None, 1e12),
+        ("b", -1.0958e-07, 20, 1e-17, 0.5, 2.0),
+        ("c", 0.25, 3, 0.0, 3.0, 1.5),
+    ]
+    texts = text_table(Table("t", ("name", "x_um", "n", "noise_m", "half", "large"), rows)).splitlines()[3:]
+    assert [line.split() for line in texts] == [
+        ["a", "9.69464", "1", "2.5e-16", "-", "1e+12"],
+        ["b", "0.00000", "20", "1e-17", "0.5", "2"],
+        ["c", "0.25000", "3", "0", "3.0", "1.5"],
+    ]

@@ -18,7 +18,7 @@ from pkm_cnc import __version__
 from pkm_cnc.errors import InputError
 from pkm_cnc.report.figure import Figure, Table
 from pkm_cnc.report.files import write_whole
-from pkm_cnc.report.text import cell, numeric_columns, plain
+from pkm_cnc.report.text import cell_texts, numeric_columns, plain
 from pkm_cnc.report.thinning import thinned
 
 __all__ = ["Page", "write_page"]
@@ -107,10 +107,8 @@ def _table(table: Table) -> str:
     kinds = [' class="number"' if right else "" for right in numeric_columns(table)]
     head = "".join(f"<th{kind}>{_text(name)}</th>" for kind, name in zip(kinds, table.columns, strict=True))
     rows = "".join(
-        "<tr>"
-        + "".join(f"<td{kind}>{_text(cell(value))}</td>" for kind, value in zip(kinds, row, strict=True))
-        + "</tr>"
-        for row in table.rows
+        "<tr>" + "".join(f"<td{kind}>{_text(text)}</td>" for kind, text in zip(kinds, row, strict=True)) + "</tr>"
+        for row in cell_texts(table)
     )
     caption = f"<caption>{_text(table.title)}</caption>" if table.title else ""
     return f'<div class="table"><table>{caption}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
