@@ -69,7 +69,8 @@ class _Geometry(TripodGeometry):
         "by frequency: a sine of this frequency is passed by half to the table, a slower one by more; at a constant "
         "speed v the Tripod runs v / (pi crossover) ahead, 32 mm at 6000 mm/min",
         unit="Hz",
-        above=0.0,
+        minimum=0.01,
+        maximum=1000.0,
     )
 
 
