@@ -68,8 +68,8 @@ class ContourMonitorNode(GraphNode):
         try:
             believed = _tcp(self.setup.machine, [state.position for state in states])
             true = _tcp(self.setup.actual, [state.slider_position for state in states])
-        except UnreachableError as error:
-            raise MachineFault(f"cycle {cycle}: {error}") from None
+        except UnreachableError as unreachable:
+            raise MachineFault(f"cycle {cycle}: {unreachable}") from None
         tcp, error = self._monitor.step(setpoint, believed, true)
         while (
             self._segments.expected - len(self._ahead) <= setpoint.segment
