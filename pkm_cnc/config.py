@@ -238,6 +238,12 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
             f"{axis}.{section}": (getattr(axes[axis], section), extra) for section, (_, extra) in parts.items() if extra
         }
     actual = given.pop(ACTUAL_GEOMETRY, {})
+    for spec in parameters_of(kinematics.Geometry):
+        if spec.decided and spec.name in actual:
+            raise InputError(
+                f"{ACTUAL_GEOMETRY}.{spec.name}: the controller decides it, the actual machine has none of its own; "
+                f"set geometry.{spec.name}"
+            )
     actual_geometry = _override(common["geometry"], actual, f"{ACTUAL_GEOMETRY}.")
     if actual:
         own[ACTUAL_GEOMETRY] = (actual_geometry, actual)

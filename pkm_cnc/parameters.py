@@ -35,6 +35,8 @@ class Parameter:
     """Of a tuple; None = any but 0."""
     each: int = 1
     """How many numbers of a tuple belong together: 2 in a list of points x, y."""
+    decided: bool = False
+    """Of a geometry: what the controller decides, so that the actual machine has none of its own."""
 
     def check(self, value: object, key: str) -> Value:
         """Return `value` in this parameter's type.
@@ -106,14 +108,15 @@ def parameter(
     choices: tuple[str, ...] = (),
     any_length: bool = False,
     each: int = 1,
+    decided: bool = False,
 ) -> Any:
     """A dataclass field that is a parameter: default (its type is the parameter's), meaning, unit, bounds.
 
     `above` is an exclusive lower bound. A tuple is a list of as many numbers, or with `any_length` of one or more, each
-    within the bounds; `each` of them belong together.
+    within the bounds; `each` of them belong together. `decided`: by the controller, no matter of the actual machine.
     """
     length = len(default) if isinstance(default, tuple) and not any_length else None
-    spec = Parameter("", default, doc, unit, above, minimum, maximum, choices, length, each)
+    spec = Parameter("", default, doc, unit, above, minimum, maximum, choices, length, each, decided)
     return dataclasses.field(default=default, metadata={"parameter": spec})
 
 

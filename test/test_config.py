@@ -229,6 +229,14 @@ def test_what_cannot_be_built_is_named_as_actual():
         setup_from_parameters({"machine": "tripod", "actual.geometry.strut": 0.1})
 
 
+@pytest.mark.parametrize(("key", "value"), [("divide", "frequency"), ("split", 0.3), ("crossover", 2.0)])
+def test_what_the_controller_decides_has_no_actual_value(key, value):
+    with pytest.raises(
+        InputError, match=rf"^actual\.geometry\.{key}: the controller decides it.*; set geometry\.{key}$"
+    ):
+        setup_from_parameters({"machine": "hybrid", f"actual.geometry.{key}": value})
+
+
 def test_a_list_of_any_length_has_at_least_one_number():
     @dataclasses.dataclass(frozen=True)
     class Options:

@@ -57,12 +57,14 @@ class _Geometry(TripodGeometry):
         "how x and y are divided: share = by geometry.split; frequency = the table takes what is slow, the Tripod the "
         "rest, by geometry.crossover",
         choices=("share", "frequency"),
+        decided=True,
     )
     split: float = parameter(
         0.5,
         "by share: the Tripod's part of x and y, 0 = all by the table, 1 = all by the Tripod",
         minimum=0.0,
         maximum=1.0,
+        decided=True,
     )
     crossover: float = parameter(
         1.0,
@@ -71,6 +73,7 @@ class _Geometry(TripodGeometry):
         unit="Hz",
         minimum=0.01,
         maximum=1000.0,
+        decided=True,
     )
 
 
