@@ -144,9 +144,13 @@ def test_tables_and_remarks_are_printed_and_the_report_holds_the_same_as_json(tm
 
 
 @pytest.mark.usefixtures("echo")
-def test_a_report_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("folder", ["file", "/proc"])
+def test_a_report_that_cannot_be_written_is_refused_before_anything_is_run(
+    tmp_path: Path, folder: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "file").touch()
-    assert f"{tmp_path}/file" in refused("experiment", "echo", "--report", tmp_path / "file")
+    monkeypatch.setattr(Lab, "setup", lambda *_: pytest.fail("it was run"))
+    assert f"report {tmp_path / folder}" in refused("experiment", "echo", "--report", tmp_path / folder)
 
 
 @pytest.mark.usefixtures("ros_domain")

@@ -95,6 +95,8 @@ class Stars:
 
 
 def _run(lab: Lab, options: Options) -> Findings:
+    if options.jobs == 0:
+        raise InputError("--jobs: 0 processes do no work: from 1 on, or -1 for one for each core")
     setup = lab.setup(resting(lab.setup()))
     grid = _grid(setup, options)
     gains = _gains(setup, grid)
