@@ -162,6 +162,7 @@ def test_a_following_error_over_its_limit_is_the_fault_of_the_step_loop():
 def test_an_unstable_drive_is_a_following_error_and_no_warning():
     setup = load_setup("tripod", ["drive.kv=5000"])
     times = np.arange(3000) * setup.servo_period
-    with warnings.catch_warnings(), pytest.raises(MachineFault, match="following error"):
+    with warnings.catch_warnings():
         warnings.simplefilter("error")
-        respond(setup, "u1", 0.05 * times, np.full_like(times, 0.05), np.zeros_like(times))
+        with pytest.raises(MachineFault, match="following error"):
+            respond(setup, "u1", 0.05 * times, np.full_like(times, 0.05), np.zeros_like(times))
