@@ -171,3 +171,9 @@ def test_an_experiment_through_the_graph_prints_the_same() -> None:
     words = "experiment star --headings 30 --feeds 6000 --pivot 0 0 --length 40".split()
     ended = command(*words, "--graph")
     assert (ended.returncode, ended.stderr, ended.stdout) == (0, "", done(*words))
+
+
+def test_ctrl_c_while_an_experiment_is_imported_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text("raise KeyboardInterrupt\n", encoding="utf-8")
+    monkeypatch.setattr(experiments, "__path__", [*experiments.__path__, str(tmp_path)])
+    assert refused("experiment", "slow", code=1) == "pkm_cnc: stopped by SIGINT"
