@@ -32,10 +32,12 @@ from running import (
 )
 
 from pkm_cnc.bag import read_run
+from pkm_cnc.bringup.processes import _end_of
 from pkm_cnc.check import prepare
 from pkm_cnc.config import load_setup, machine_files
 from pkm_cnc.errors import MachineFault
 from pkm_cnc.program import read_program
+from pkm_cnc.run_messages import End
 from pkm_cnc.simulation import simulated_cycles
 from pkm_cnc.topics import nodes
 from pkm_cnc_msgs.msg import TcpSetpoint
@@ -240,6 +242,17 @@ def test_a_killed_plant_is_named_and_everyone_else_stops(ros_domain, program, tm
     result, said = evaluation(tmp_path / "bag")
     assert result["cycles"] == run.cycles()
     assert "u2/plant has not answered" in said
+
+
+@pytest.mark.parametrize(("said", "completed"), [("run completed in cycle 7\n", True), ("", False)])
+def test_a_process_killed_after_it_has_completed_is_no_fault(tmp_path, said, completed):
+    """What crashes while it leaves, when all is recorded, has done its work."""
+    for name, text in (("plant", said), ("recorder", "run completed in cycle 7\n")):
+        (tmp_path / f"{name}.out").write_text(text)
+        (tmp_path / f"{name}.err").touch()
+    killed = {name: subprocess.CompletedProcess((), code) for name, code in (("plant", -11), ("recorder", 0))}
+    end = _end_of(killed, tmp_path)
+    assert end == (End(7, "recorder", "") if completed else End(0, "plant", "killed by SIGSEGV"))
 
 
 def test_a_killed_recorder_is_named_and_loses_less_than_a_second(ros_domain, program, tmp_path):
