@@ -221,9 +221,10 @@ def _run(system: _System, inputs: Array) -> Array:
     result = np.empty((len(padded), blocks, BLOCK * len(system.C)))
     for group in (slice(first, first + GROUP) for first in range(0, len(padded), GROUP)):
         state: Array = np.zeros((len(padded[group]), len(system.A)))
-        for block in range(blocks):
-            held = by_block[group, block]
-            result[group, block] = held @ step.from_inputs + state @ step.from_state
-            state = held @ step.to_state + state @ step.over
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable drive: its following error says so
+            for block in range(blocks):
+                held = by_block[group, block]
+                result[group, block] = held @ step.from_inputs + state @ step.from_state
+                state = held @ step.to_state + state @ step.over
     outputs = result.reshape(len(padded), blocks * BLOCK, len(system.C))[:, :cycles]
     return np.moveaxis(outputs, -1, 0).reshape(len(system.C), *series, cycles)

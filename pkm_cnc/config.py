@@ -178,7 +178,7 @@ def setup_from_text(text: str, overrides: Iterable[str] = ()) -> Setup:
 def _flat_file(text: str) -> dict[str, object]:
     try:
         content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: what looks like a date or a number and is none
         raise InputError("not valid YAML: " + " ".join(str(error).split())) from None
     if not isinstance(content, dict) or list(content) != ["/**"] or not isinstance(content["/**"], dict):
         raise InputError("the top level must be '/**:' with 'ros__parameters:' below it")
@@ -213,7 +213,7 @@ def _parse_override(text: str) -> tuple[str, object]:
         raise InputError(f"--set {text}: must be KEY=VALUE, e.g. drive.kv=25")
     try:
         return key.strip(), yaml.safe_load(value)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError):
         raise InputError(f"--set {text}: {value!r} is not a value") from None
 
 
@@ -245,6 +245,12 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
             f"{axis}.{section}": (getattr(axes[axis], section), extra) for section, (_, extra) in parts.items() if extra
         }
     actual = given.pop(ACTUAL_GEOMETRY, {})
+    for spec in parameters_of(kinematics.Geometry):
+        if spec.decided and spec.name in actual:
+            raise InputError(
+                f"{ACTUAL_GEOMETRY}.{spec.name}: the controller decides it, the actual machine has none of its own; "
+                f"set geometry.{spec.name}"
+            )
     actual_geometry = _override(common["geometry"], actual, f"{ACTUAL_GEOMETRY}.")
     if actual:
         own[ACTUAL_GEOMETRY] = (actual_geometry, actual)

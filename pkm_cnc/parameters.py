@@ -35,6 +35,8 @@ class Parameter:
     """Of a tuple; None = any but 0."""
     each: int = 1
     """How many numbers of a tuple belong together: 2 in a list of points x, y."""
+    decided: bool = False
+    """Of a geometry: what the controller decides, so that the actual machine has none of its own."""
 
     def check(self, value: object, key: str) -> Value:
         """Return `value` in this parameter's type.
@@ -42,9 +44,7 @@ class Parameter:
         Raises InputError naming `key`, the value and the bound or type it misses.
         """
         kind = type(self.default)
-        if kind is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
-        if kind is float and isinstance(value, str):  # YAML 1.1 reads 1e-6 as a text
+        if kind is float:
             value = _number(value)
         if kind is tuple and isinstance(value, (list, tuple)):
             return self._check_numbers(value, key)
@@ -65,14 +65,15 @@ class Parameter:
             raise InputError(f"{key}: {len(values)} numbers given, a multiple of {self.each} wanted")
         numbers = []
         for index, value in enumerate(values):
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
+            number = _number(value)
+            if not isinstance(number, float):
                 raise InputError(f"{key}[{index}]: {value!r} is not a number")
-            self._check_bounds(value, f"{key}[{index}]")
-            numbers.append(float(value))
+            self._check_bounds(number, f"{key}[{index}]")
+            numbers.append(number)
         return tuple(numbers)
 
     def _check_bounds(self, value: float, key: str) -> None:
-        if not math.isfinite(value):
+        if isinstance(value, float) and not math.isfinite(value):
             raise InputError(f"{key}: {value} is not a finite number")
         unit = f" {self.unit}" if self.unit else ""
         if self.above is not None and not value > self.above:
@@ -83,11 +84,14 @@ class Parameter:
             raise InputError(f"{key}: {value}{unit} is over its maximum {self.maximum}{unit}")
 
 
-def _number(text: str) -> float | str:
+def _number(value: object) -> object:
+    """A whole number, or a text that is a number, as a float: YAML 1.1 reads 1e-6 as a text; all else as it is."""
+    if isinstance(value, bool) or not isinstance(value, (int, str)):
+        return value
     try:
-        return float(text)
-    except ValueError:
-        return text
+        return float(value)
+    except (ValueError, OverflowError):
+        return value
 
 
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text", tuple: "a list of numbers"}
@@ -104,14 +108,15 @@ def parameter(
     choices: tuple[str, ...] = (),
     any_length: bool = False,
     each: int = 1,
+    decided: bool = False,
 ) -> Any:
     """A dataclass field that is a parameter: default (its type is the parameter's), meaning, unit, bounds.
 
     `above` is an exclusive lower bound. A tuple is a list of as many numbers, or with `any_length` of one or more, each
-    within the bounds; `each` of them belong together.
+    within the bounds; `each` of them belong together. `decided`: by the controller, no matter of the actual machine.
     """
     length = len(default) if isinstance(default, tuple) and not any_length else None
-    spec = Parameter("", default, doc, unit, above, minimum, maximum, choices, length, each)
+    spec = Parameter("", default, doc, unit, above, minimum, maximum, choices, length, each, decided)
     return dataclasses.field(default=default, metadata={"parameter": spec})
 
 
@@ -132,4 +137,8 @@ def read_section(section: type[Section], values: Mapping[str, object], prefix: s
         if name not in known:
             names = ", ".join(f"{prefix}{known_name}" for known_name in known)
             raise InputError(f"{prefix}{name}: unknown parameter; there are {names}")
-    return section(**{name: known[name].check(value, prefix + name) for name, value in values.items()})
+    checked = {name: known[name].check(value, prefix + name) for name, value in values.items()}
+    try:
+        return section(**checked)
+    except InputError as error:  # begins with the key in the section
+        raise InputError(f"{prefix}{error}") from None

@@ -82,7 +82,7 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
         believed, fault = _tcp(setup.machine, read, cycle, fault)
         true = believed
         if sliders != read or setup.actual is not setup.machine:
-            true, fault = _tcp(setup.actual, sliders, cycle, fault)
+            true, fault = _tcp(setup.actual, sliders[: len(believed)], cycle, fault)
         for setpoint, row, believed_point, true_point in zip(setpoints, rows, believed, true, strict=False):
             entered = range(known, setpoint.segment + 1)
             for index in entered:

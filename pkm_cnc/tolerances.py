@@ -39,9 +39,10 @@ vertical line of a part program has none but rounding)."""
 SPEED_ROUNDING = 1e-15
 """1. Relative difference of two path speeds that is rounding alone: some units in the last place of a double."""
 
-OFF_MACHINE = 1e-9
-"""m, m/s, m/s^2. A coordinate that a machine of fewer than three coordinates does not move is 0 up to this: what a part
-program's decimals and an arc's end points leave."""
+OFF_MACHINE, OFF_MACHINE_RATE = 1e-12, 1e-6
+"""m; m/s and m/s^2. A coordinate that a machine of fewer than three coordinates does not move is 0 up to this: rounding
+of sums and of arcs' end points, but not the last decimal of a part program. A path that ends so near to 0 has rates
+below the other one along all elements of 2 um and more (at 2 m/s^2), so what passes as a path passes as a motion."""
 
 EQUAL_TIMES = 1e-12
 """1. Relative difference of two times of a controller that is rounding alone: they were multiplied and divided a few

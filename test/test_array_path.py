@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -155,3 +157,12 @@ def test_a_following_error_over_its_limit_is_the_fault_of_the_step_loop():
         respond(load_setup("tripod"), "u1", position, 0.0 * position, 0.0 * position)
     with pytest.raises(MachineFault, match=r"cycle 2: u1: following error 25 mm"):
         respond(load_setup("tripod"), "u1", position[1], 0.0 * position[1], 0.0 * position[1])
+
+
+def test_an_unstable_drive_is_a_following_error_and_no_warning():
+    setup = load_setup("tripod", ["drive.kv=5000"])
+    times = np.arange(3000) * setup.servo_period
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(MachineFault, match="following error"):
+            respond(setup, "u1", 0.05 * times, np.full_like(times, 0.05), np.zeros_like(times))

@@ -149,7 +149,7 @@ FILES: dict[str, tuple[Change, list[str]]] = {
     ),
     "bounds of two keys": (
         lambda text: text.replace("minimum: 0.0", "minimum: 1.5"),
-        ["travel.minimum", "1.5", "travel.maximum", "1.0"],
+        ["travel.minimum: 1.5 m", "maximum of 1.0 m"],
     ),
     "struts too short": (
         lambda text: text.replace("strut_length: 0.600", "strut_length: 0.300"),

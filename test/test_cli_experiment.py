@@ -144,9 +144,13 @@ def test_tables_and_remarks_are_printed_and_the_report_holds_the_same_as_json(tm
 
 
 @pytest.mark.usefixtures("echo")
-def test_a_report_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("folder", ["file", "/proc"])
+def test_a_report_that_cannot_be_written_is_refused_before_anything_is_run(
+    tmp_path: Path, folder: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "file").touch()
-    assert f"{tmp_path}/file" in refused("experiment", "echo", "--report", tmp_path / "file")
+    monkeypatch.setattr(Lab, "setup", lambda *_: pytest.fail("it was run"))
+    assert f"report {tmp_path / folder}" in refused("experiment", "echo", "--report", tmp_path / folder)
 
 
 @pytest.mark.usefixtures("ros_domain")
@@ -167,3 +171,9 @@ def test_an_experiment_through_the_graph_prints_the_same() -> None:
     words = "experiment star --headings 30 --feeds 6000 --pivot 0 0 --length 40".split()
     ended = command(*words, "--graph")
     assert (ended.returncode, ended.stderr, ended.stdout) == (0, "", done(*words))
+
+
+def test_ctrl_c_while_an_experiment_is_imported_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text("raise KeyboardInterrupt\n", encoding="utf-8")
+    monkeypatch.setattr(experiments, "__path__", [*experiments.__path__, str(tmp_path)])
+    assert refused("experiment", "slow", code=1) == "pkm_cnc: stopped by SIGINT"

@@ -92,6 +92,7 @@ def test_overrides_come_after_the_file_and_one_axis_after_all():
 @pytest.mark.parametrize("text", ["1e-5", "1.0e-5", "0.00001"])
 def test_every_way_to_write_a_small_number_is_read(text):
     assert load_setup("tripod", [f"scale.resolution={text}"]).axes["u1"].scale.resolution == 1e-5
+    assert load_setup("tripod", [f"start_pose=[{text}, 0, 0.0]"]).start_pose == (1e-5, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -123,6 +124,9 @@ def test_an_unknown_key_is_named_with_what_there_is(parameters, message):
         ({"start_pose": 0.0}, r"^start_pose: 0\.0 is not a list of numbers$"),
         ({"start_pose": [0.0, 0.0]}, r"^start_pose: 2 numbers given, 3 wanted$"),
         ({"start_pose": [0.0, "a", 0.0]}, r"^start_pose\[1\]: 'a' is not a number$"),
+        ({"drive": {"kv": 10**400}}, r"^drive\.kv: 10+ is not a number$"),
+        ({"start_pose": [0.0, 0.0, 10**400]}, r"^start_pose\[2\]: 10+ is not a number$"),
+        ({"graph": {"window": 10**400}}, r"^graph\.window: 10+ cycles is over its maximum 1000 cycles$"),
         ({"machine": 3}, r"^machine: "),
     ],
 )
@@ -143,6 +147,9 @@ def test_a_wrong_type_is_named(parameters, message):
         ({"graph": {"window": 0}}, r"^graph\.window: 0 cycles is below its minimum 1 cycles$"),
         ({"start_pose": [0.0, 0.0, -101.0]}, r"^start_pose\[2\]: -101\.0 m is below its minimum -100\.0 m$"),
         ({"u3": {"drive": {"kv": -1.0}}}, r"^u3\.drive\.kv: -1\.0 1/s is "),
+        ({"travel": {"minimum": 1.5}}, r"^travel\.minimum: 1\.5 m is not below the maximum of 1\.0 m$"),
+        ({"u3": {"travel": {"minimum": 1.5}}}, r"^u3\.travel\.minimum: 1\.5 m is not below the maximum of 1\.0 m$"),
+        ({"u2": {"drive": {"position_integral_time": 1e-9}}}, r"^u2\.drive\.position_integral_time: 1e-09 is below"),
         ({"machine": "octopod"}, r"octopod"),
     ],
 )
@@ -160,6 +167,7 @@ def test_a_value_out_of_range_is_named_with_its_bound(parameters, message):
         ("/**:\n  ros__parameters:\n", r"ros__parameters"),
         ("/**:\n  ros__parameters: {}\n", r"^machine: nothing given"),
         ("/**:\n ros__parameters: {a: [1\n", r"not valid YAML: .*line"),
+        ("/**:\n ros__parameters: {a: 2020-13-45}\n", r"not valid YAML: month"),
         ("- 1\n- 2\n", r"top level"),
     ],
 )
@@ -175,6 +183,7 @@ def test_a_file_of_another_form_is_refused(text, message):
         ("drive.kv", r"--set drive\.kv: must be KEY=VALUE"),
         ("=3", r"--set =3: must be KEY=VALUE"),
         ("drive.kv=[1", r"--set drive\.kv=\[1: '\[1' is not a value"),
+        ("drive.kv=2020-13-45", r"--set drive\.kv=2020-13-45: '2020-13-45' is not a value"),
         ("drive.kv=", r"drive\.kv: None is not a number"),
         ("drive.kw=3", r"drive\.kw: unknown parameter"),
     ],
@@ -218,6 +227,14 @@ def test_what_cannot_be_built_is_named_as_actual():
         setup_from_parameters({"machine": "tripod", "actual.geometry.strut_length": 0.1})
     with pytest.raises(InputError, match=r"^actual\.geometry\.strut: unknown parameter"):
         setup_from_parameters({"machine": "tripod", "actual.geometry.strut": 0.1})
+
+
+@pytest.mark.parametrize(("key", "value"), [("divide", "frequency"), ("split", 0.3), ("crossover", 2.0)])
+def test_what_the_controller_decides_has_no_actual_value(key, value):
+    with pytest.raises(
+        InputError, match=rf"^actual\.geometry\.{key}: the controller decides it.*; set geometry\.{key}$"
+    ):
+        setup_from_parameters({"machine": "hybrid", f"actual.geometry.{key}": value})
 
 
 def test_a_list_of_any_length_has_at_least_one_number():

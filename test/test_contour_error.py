@@ -128,6 +128,25 @@ def test_turning_back_on_the_same_line_changes_element_and_side():
     assert all(b.path_length >= a.path_length for a, b in pairwise(errors))
 
 
+@pytest.mark.parametrize("beside", [5e-6, 25e-6, 60e-6])
+def test_turning_back_beside_the_line_changes_element_although_the_one_before_is_nearer(beside):
+    """The way back is `beside` the way out; the tool stays 1 um from the way out all the time."""
+    tracker = tracker_of(*polyline((0, 0, 0), (0.1, 0, 0), (0, -beside, 0)))
+    places = np.concatenate([np.linspace(0.05, 0.0999, 500), np.linspace(0.0999, 0.02, 800)])
+    errors = [tracker.step((float(x), 1e-6, 0.0), int(k > 450)) for k, x in enumerate(places)]
+    assert [e.segment for e in errors[:500]] == [0] * 500
+    assert [e.segment for e in errors[501:]] == [1] * 799  # 0.1 mm a cycle: further back than beside
+    assert errors[-1].left == pytest.approx(-(1e-6 + 0.8 * beside), rel=1e-6)
+
+
+def test_a_tool_that_swings_back_at_a_corner_stays_on_the_line_before():
+    """At rest in the corner it overshot, and swings 30 um back while the setpoint goes on around the corner."""
+    tracker = tracker_of(*polyline((0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0)))
+    assert tracker.step((0.10003, 0.0, 0.0), 1).segment == 0
+    error = tracker.step((0.09997, 2e-6, 0.0), 1)
+    assert (error.segment, error.magnitude) == (0, pytest.approx(2e-6))
+
+
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 @pytest.mark.parametrize("circles", [1, 2])
 @pytest.mark.parametrize("overshoot", [180.0, 300.0])
@@ -195,15 +214,20 @@ def toolpaths(draw):
 def test_the_foot_is_the_nearest_point_of_what_lies_between_progress_and_setpoint(elements, tools, data):
     tracker = tracker_of(*elements)
     progress = setpoint = 0
+    furthest = 0.0
     for tool in tools:
         setpoint = data.draw(st.integers(setpoint, len(elements) - 1))
         window = elements[progress : setpoint + 1]
         error = tracker.step(tool, setpoint)
+        feet = [e.nearest(tool, 0.0) for e in window]
+        plain = [math.dist(tool, e.position(s)) for e, s in zip(window, feet, strict=True)]
+        back = max(0.0, furthest - feet[0])
+        weighed = [max(plain[0], back), *plain[1:]]
+        passed = next(k for k, distance in enumerate(weighed) if distance <= min(weighed) + TIE)
+        assert error.segment == progress + passed
         sampled, spacing = distance_by_samples(window, tool)
-        assert sampled - spacing <= error.magnitude <= sampled + 2e-9
-        plain = [math.dist(tool, e.position(e.nearest(tool, 0.0))) for e in window]
-        ties = [progress + k for k, distance in enumerate(plain) if distance <= min(plain) + TIE]
-        assert error.segment == ties[0] or (ties[0] == progress and error.segment == ties[1])  # runs back
+        assert sampled - spacing <= error.magnitude <= max(sampled, back) + 2e-9
+        furthest = feet[passed] if passed else feet[0] + back
         progress = error.segment
 
 

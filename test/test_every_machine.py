@@ -18,10 +18,17 @@ from pkm_cnc.kinematics import in_space
 from pkm_cnc.parameters import parameters_of
 from pkm_cnc.program import Program
 from pkm_cnc.simulation import simulated_cycles
+from pkm_cnc.tolerances import OFF_MACHINE
 
-mpmath.mp.dps = 40
 STEP = mpmath.mpf("1e-10")
 """m. Central differences at 40 digits: truncated at 1e-20, rounded at 1e-20 in the second one."""
+
+
+@pytest.fixture(autouse=True)
+def forty_digits():
+    with mpmath.workdps(40):
+        yield
+
 
 NAMES = sorted(machine_files())
 KEPT = {"monopod": {"start_u", "strut_length_error"}}
@@ -424,5 +431,21 @@ def test_a_flat_machine_in_space_is_the_machine_with_zeros(name):
         space.motion(filled[:2], [(0.0, 0.0, 0.0), (0.0, 0.0, 0.002)], still[:2])
     with pytest.raises(UnreachableError, match=r"^az: 3 mm/s\^2 is not 0"):
         space.motion(filled[0], still[0], (0.0, 0.0, 0.003))
+    with pytest.raises(UnreachableError, match=r"^z: 1e-06 mm is not 0"):
+        space.inverse(filled[0] + (0.0, 0.0, 1e-9))
     [violation] = space.violations([filled[0], filled[1] + (0.0, 0.0, -0.004)])
     assert (violation.row, violation.axis, violation.excess) == (1, "z", 0.004)
+
+
+@pytest.mark.parametrize("name", FLAT)
+@pytest.mark.parametrize("off", ["0.000001", "0.0000001", "0.000000001", "0.00000000001"])
+def test_what_a_flat_machine_lets_pass_as_a_path_it_can_run(name, off):
+    """A path that leaves the machine's plane by a hair is refused before anything moves, or runs to its end."""
+    setup = load_setup(name)
+    x = 1e3 * setup.start_pose[0]
+    program = Program("hair.ngc", f"G21 G90\nG1 X{x + 0.01} Z{off} F6000\nX{x + 1} Z0\nM2\n")
+    if 1e-3 * float(off) > 2.0 * OFF_MACHINE:
+        with pytest.raises(InputError, match="is not 0: this machine moves the TCP in"):
+            prepare(setup, program)
+    else:
+        assert sum(1 for _ in simulated_cycles(setup, prepare(setup, program))) > 100

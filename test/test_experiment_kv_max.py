@@ -106,6 +106,7 @@ def test_a_bound_that_no_gain_reaches_is_limited_by_stability():
     [
         ("tripod", {}, "kv-max: it is about the monopod"),
         ("monopod", {"positions": (590.0,)}, "positions, with the way of the step: 610 mm"),
+        ("monopod", {"frequency": 500.0}, "frequency: 500 Hz is not below half the servo rate, 500 Hz"),
         ("monopod", {"positions": (400.0,), "vibration": 1e-4}, "vibration: 0.0001 um .* even with the gain 1 1/s"),
     ],
 )

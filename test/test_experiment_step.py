@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 
 import pytest
+from command_line import refused
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.experiments import Findings, Lab, load_experiment, simulated
@@ -79,3 +81,20 @@ def test_the_tables_are_full_and_a_figure_marks_the_peak():
 def test_too_short_a_response_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         find(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"time_constant": 1e-12}, "time_constant: 1e-12 is too fast"),
+        ({"natural_frequency": 1e9}, "natural_frequency: 1e+09 is too fast"),
+        ({"seconds": 60.0}, "take fewer seconds"),
+    ],
+)
+def test_what_falls_between_the_samples_is_refused(options, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        find(**options)
+
+
+def test_a_length_that_no_memory_holds_is_refused_by_its_bound():
+    assert "--seconds: 1000000000.0 s is over its maximum" in refused("experiment", "step", "--seconds", "1e9")

@@ -54,6 +54,11 @@ def test_a_cluster_that_does_not_answer_is_refused() -> None:
         run(cluster="nowhere")
 
 
+def test_no_process_is_refused() -> None:
+    with pytest.raises(InputError, match="--jobs: 0"):
+        run(jobs=0)
+
+
 def test_pivots_that_cannot_be_run_are_left_out_and_counted() -> None:
     data = run(half_width=200.0).to_json()
     left = [value for row in data["left_um"] for value in row]

@@ -1,5 +1,6 @@
 """The graph on the real middleware: the same numbers as the simulation, however it is started, paced and spread."""
 
+import gc
 import itertools
 import math
 import os
@@ -57,6 +58,19 @@ def assert_same_run(bag, reference):
     assert sorted(ours) == sorted(theirs) == sorted(SERVO_TOPICS)
     for topic, expected in theirs.items():
         assert ours[topic] == expected, topic
+
+
+def test_a_run_leaves_no_threads_of_the_middleware_behind(ros_domain, tmp_path):
+    """They would be at work while the process ends and takes their data away, which crashes some processes."""
+
+    def threads_after_a_run(bag):
+        program = tmp_path / "short.ngc"
+        program.write_text("G1 X0.1 F6000\nM2\n")
+        assert run_graph(program, tmp_path / bag).completed
+        gc.collect()
+        return len(os.listdir("/proc/self/task"))
+
+    assert threads_after_a_run("first") == threads_after_a_run("second")
 
 
 # The same numbers -----------------------------------------------------------------------------------------------------

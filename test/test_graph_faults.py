@@ -32,10 +32,12 @@ from running import (
 )
 
 from pkm_cnc.bag import read_run
+from pkm_cnc.bringup.processes import _end_of
 from pkm_cnc.check import prepare
 from pkm_cnc.config import load_setup, machine_files
 from pkm_cnc.errors import MachineFault
 from pkm_cnc.program import read_program
+from pkm_cnc.run_messages import End
 from pkm_cnc.simulation import simulated_cycles
 from pkm_cnc.topics import nodes
 from pkm_cnc_msgs.msg import TcpSetpoint
@@ -94,6 +96,14 @@ def test_a_fault_is_that_of_the_simulation_and_stands_on_the_diagnostics(ros_dom
         wait_for(lambda: f"pkm_cnc: {end.node}" in errors(), "the fault on /diagnostics")
     assert end.reason == str(fault.value)
     assert end.node == f"{fault.value.args[0].split(': ')[1]}/servo_drive"
+
+
+def test_a_pose_that_cannot_be_reached_is_the_fault_of_the_simulation(ros_domain, program, tmp_path):
+    unstable = ("drive.kind=first_order", "drive.kv=2200", "drive.following_error_limit=1e9")
+    with pytest.raises(MachineFault, match=r"^cycle \d+: slider u\d: wrong assembly branch") as fault:
+        simulated(program, tmp_path / "simulated", *unstable)
+    end = run_graph(program, tmp_path / "bag", *unstable)
+    assert (end.node, end.reason) == ("contour_monitor", str(fault.value))
 
 
 @contextlib.contextmanager
@@ -232,6 +242,17 @@ def test_a_killed_plant_is_named_and_everyone_else_stops(ros_domain, program, tm
     result, said = evaluation(tmp_path / "bag")
     assert result["cycles"] == run.cycles()
     assert "u2/plant has not answered" in said
+
+
+@pytest.mark.parametrize(("said", "completed"), [("run completed in cycle 7\n", True), ("", False)])
+def test_a_process_killed_after_it_has_completed_is_no_fault(tmp_path, said, completed):
+    """What crashes while it leaves, when all is recorded, has done its work."""
+    for name, text in (("plant", said), ("recorder", "run completed in cycle 7\n")):
+        (tmp_path / f"{name}.out").write_text(text)
+        (tmp_path / f"{name}.err").touch()
+    killed = {name: subprocess.CompletedProcess((), code) for name, code in (("plant", -11), ("recorder", 0))}
+    end = _end_of(killed, tmp_path)
+    assert end == (End(7, "recorder", "") if completed else End(0, "plant", "killed by SIGSEGV"))
 
 
 def test_a_killed_recorder_is_named_and_loses_less_than_a_second(ros_domain, program, tmp_path):

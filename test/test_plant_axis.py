@@ -213,7 +213,7 @@ def test_a_start_outside_the_travel_is_refused(start):
 
 
 def test_bad_mechanical_parameters_are_refused_by_key():
-    with pytest.raises(InputError, match=r"travel\.minimum: 0\.6 m is not below travel\.maximum 0\.5 m"):
+    with pytest.raises(InputError, match=r"^travel\.minimum: 0\.6 m is not below the maximum of 0\.5 m"):
         read_section(TravelParameters, {"minimum": 0.6, "maximum": 0.5}, "travel.")
     with pytest.raises(InputError, match=r"u2\.screw\.pitch"):
         read_section(ScrewParameters, {"pitch": 0.0}, "u2.screw.")

@@ -33,6 +33,7 @@ from pkm_cnc.report import (
     write_page,
 )
 from pkm_cnc.report.judged import judged_cycles
+from pkm_cnc.report.thinning import MOST_POINTS, thinned
 from pkm_cnc.simulation import simulated_cycles
 
 SETUP = load_setup("tripod", ["drive.kind=first_order"])
@@ -287,7 +288,9 @@ def every_kind(text="plain"):
     """A page with every kind of panel; `text` stands wherever a text may stand."""
     x = np.linspace(0.0, 1.0, 50)
     curves = [Curve(text, x, x * x), Curve("", x, x, kind="points"), Curve("p", x, -x, role="programmed")]
-    curves.append(Curve("gap", x, np.where(x > 0.5, x, np.nan), kind="line and points"))
+    curves.append(Curve("gap", x, np.where(x > 0.5, x, np.nan), kind="line and points", bars=0.1 * x))
+    curves.append(Curve("", np.array([0.0, 1.0, 1.0]), np.array([0.0, 0.0, 1.0]), kind="area"))
+    curves.append(Curve("arrow", x, 0.5 * x, arrow=True, like=text, value=x, value_label=text))
     field = Map(x[:5], x[:4], np.where(np.arange(20).reshape(4, 5) == 7, np.nan, np.arange(20.0).reshape(4, 5)), text)
     panels = [
         Panel(text, text, text, curves, notes=[Note(0.5, 0.5, text)], x_step=0.25),
@@ -325,6 +328,23 @@ def test_page_takes_texts_as_texts(tmp_path):
     assert "&lt;b&gt;ü\N{SNOWMAN}&lt;/b&gt; $title ${question}" in body
 
 
+@pytest.mark.filterwarnings("error")
+def test_any_file_name_can_be_drawn(tmp_path):
+    """Mathematics, control characters, bytes that are no UTF-8, letters that the font lacks."""
+    text = "$x$ $\\frac a\0b\x1b[31m \udcff \N{CJK UNIFIED IDEOGRAPH-4E2D} ]]>"
+    paths = write_page(tmp_path, every_kind(text))
+    for path in paths:
+        if path.suffix == ".svg":
+            shown = text.translate({0: "\ufffd", 0x1B: "\ufffd", 0xDCFF: "\ufffd"})
+            assert texts(path).count(shown) >= 4
+    paths[-1].read_text(encoding="utf-8")
+
+
+def test_pictures_of_a_page_are_sent_to_nobody(tmp_path):
+    page = write_page(tmp_path, every_kind())[-1].read_text(encoding="utf-8")
+    assert 'showSendToCloud: false, plotlyServerURL: ""' in page
+
+
 def test_page_loads_nothing(tmp_path):
     page = write_page(tmp_path, every_kind())[-1].read_text(encoding="utf-8")
     assert "default-src 'none'" in page
@@ -332,19 +352,46 @@ def test_page_loads_nothing(tmp_path):
     assert set(re.findall(r"(?:src|href)=\"([a-z]+:)", without_script)) == {"data:"}
 
 
-def test_long_curves_keep_their_extremes_on_the_screen():
-    from pkm_cnc.report.screen import MOST_POINTS, _thinned
+def long_figure(x, y, **kind):
+    return Figure("long", "", [Panel("", "", "", [Curve("a", x, y, **kind)])], "What there is.")
 
+
+def test_long_curves_keep_ends_gaps_and_extremes():
     x = np.linspace(0.0, 1.0, 100_001)
     y = np.sin(50.0 * x)
-    y[12_345], y[77_777], y[50_000] = 5.0, -6.0, np.nan
-    thin_x, thin_y = _thinned(x, y)
-    assert len(thin_x) <= MOST_POINTS + 2
-    assert (thin_x[0], thin_x[-1]) == (0.0, 1.0)
-    assert np.nanmax(thin_y) == 5.0
-    assert np.nanmin(thin_y) == -6.0
-    assert np.isnan(thin_y).sum() == 1
-    assert (np.diff(thin_x) > 0.0).all()
+    y[12_345], y[77_777], y[50_000:50_003], y[50_010] = 5.0, -6.0, np.nan, np.nan
+    thin = thinned(long_figure(x, y, value=2.0 * y, bars=3.0 * y))
+    curve = thin.panels[0].curves[0]
+    assert len(curve.x) <= MOST_POINTS + 2
+    assert (curve.x[0], curve.x[-1]) == (0.0, 1.0)
+    assert np.nanmax(curve.y) == 5.0
+    assert np.nanmin(curve.y) == -6.0
+    assert np.flatnonzero(np.isnan(curve.y)).size == 2  # two gaps, though so near that one stretch has both
+    assert (np.diff(curve.x) > 0.0).all()
+    np.testing.assert_array_equal(curve.value, 2.0 * curve.y)
+    np.testing.assert_array_equal(curve.bars, 3.0 * curve.y)
+    assert str(MOST_POINTS) in thin.caption  # the reader is told
+    # Between the points that are left the curve is where it was: 60 points of it bend by (50 * 6e-4)^2 / 8.
+    still = np.interp(x, *(values[np.isfinite(curve.y)] for values in (curve.x, curve.y)))
+    near = [np.abs(np.arange(len(x)) - at) < 100 for at in (12_345, 77_777, 50_005)]
+    assert np.abs(still - y)[~np.any(near, axis=0)].max() < 1.2e-4
+
+
+def test_short_curves_and_areas_stay_as_they_are():
+    x = np.linspace(0.0, 1.0, MOST_POINTS)
+    for figure in (long_figure(x, x), long_figure(np.tile(x, 3), np.tile(x, 3), kind="area")):
+        assert thinned(figure) is figure
+
+
+def test_panels_take_the_first_free_place():
+    def places(*rows, columns):
+        panels = [Panel("", "", "", rows=taken) for taken in rows]
+        return Figure("", "", panels, columns=columns).places()
+
+    assert places(1, 1, 1, columns=1) == [(0, 0), (1, 0), (2, 0)]
+    assert places(1, 1, 1, columns=2) == [(0, 0), (0, 1), (1, 0)]
+    assert places(2, 1, 1, 1, columns=2) == [(0, 0), (0, 1), (1, 1), (2, 0)]
+    assert places(1, 2, 1, 1, columns=2) == [(0, 0), (0, 1), (1, 0), (2, 0)]
 
 
 def test_a_name_has_one_look_in_the_whole_figure():
@@ -356,6 +403,8 @@ def test_a_name_has_one_look_in_the_whole_figure():
     )
     second = Panel("", "", "", [Curve("b", x, x), Curve("c", x, x)])
     assert looks(Figure("f", "", [first, second])) == [[DATA[0], DATA[1], DATA[1], PROGRAMMED], [DATA[1], DATA[2]]]
+    like = Panel("", "", "", [Curve("d", x, x, like="a"), Curve("", x, x, kind="points"), Curve("e", x, x)])
+    assert looks(Figure("f", "", [first, like]))[1] == [DATA[0], DATA[0], DATA[2]]
 
 
 def test_looks_differ_in_grey():
@@ -369,3 +418,17 @@ def test_looks_differ_in_grey():
     assert len({(look.dashes, look.marker) for look in DATA}) == len(DATA)
     for one, other in itertools.pairwise(DATA):
         assert abs(tone(one) - tone(other)) > 20.0
+
+
+def test_numbers_of_a_column_are_written_alike():
+    rows = [
+        ("a", 9.694637123, 1, 2.5e-16, None, 1e12),
+        ("b", -1.0958e-07, 20, 1e-17, 0.5, 2.0),
+        ("c", 0.25, 3, 0.0, 3.0, 1.5),
+    ]
+    texts = text_table(Table("t", ("name", "x_um", "n", "noise_m", "half", "large"), rows)).splitlines()[3:]
+    assert [line.split() for line in texts] == [
+        ["a", "9.69464", "1", "2.5e-16", "-", "1e+12"],
+        ["b", "0.00000", "20", "1e-17", "0.5", "2"],
+        ["c", "0.25000", "3", "0", "3.0", "1.5"],
+    ]

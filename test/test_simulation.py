@@ -89,6 +89,17 @@ def test_a_fault_names_cycle_and_axis_and_keeps_the_cycles_before_it() -> None:
     assert (end.completed, end.cycle, end.reason) == (False, cycle, str(caught.value))
 
 
+@pytest.mark.parametrize("longer", ["0.6", "0.9"])
+def test_the_first_of_two_poses_that_cannot_be_reached_is_the_fault(longer: str) -> None:
+    """Unstable drives: the controller's geometry refuses the joints first, the actual one some cycles later or not."""
+    unstable = ("drive.kind=first_order", "drive.kv=2200", "drive.following_error_limit=1e9")
+    setup = load_setup("tripod", [*unstable, f"actual.geometry.strut_length={longer}"])
+    cycles = []
+    with pytest.raises(MachineFault, match="wrong assembly branch") as caught:
+        cycles.extend(simulated_cycles(setup, prepare(setup, CORNER)))
+    assert str(caught.value).startswith(f"cycle {len(cycles)}: ")
+
+
 def test_what_is_recorded_has_every_servo_topic_in_cycle_order() -> None:
     setup = load_setup("tripod")
     sink = Memory()

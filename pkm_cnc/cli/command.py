@@ -33,7 +33,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
+    """Run the command; return its exit status. KeyboardInterrupt is left to the caller."""
     given = sys.argv[1:] if arguments is None else arguments
     parsed = _parser().parse_args(joined(given))
     parsed.command = shlex.join(["pkm_cnc", *given])  # for what tells how it was made
@@ -48,9 +48,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:  # a file that cannot be used has its own error: what is left is standard output
         _discard_output()
         print(f"pkm_cnc: {error.filename or 'standard output'}: {error.strerror}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("pkm_cnc: stopped by SIGINT", file=sys.stderr)
         return 1
     return 0
 

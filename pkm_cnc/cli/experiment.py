@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from pkm_cnc.cli.arguments import add_machine
+from pkm_cnc.cli.arguments import add_machine, make_folder
 from pkm_cnc.cli.options import add_options, options_of
 from pkm_cnc.cli.parser import Parser
 from pkm_cnc.cli.progress import bar
@@ -71,6 +71,8 @@ def _list(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> Non
 
 def _run(experiment: Experiment, arguments: argparse.Namespace) -> None:
     options = options_of(arguments, experiment.options)
+    if arguments.report:
+        make_folder(Path(arguments.report))
     gc.freeze()  # as in simulate: without looking at what is there by now the garbage collector costs a fifth less
     with bar(experiment.name) as tell:
         lab = Lab(arguments.machine, arguments.set, _graph_runner() if arguments.graph else simulated, tell)

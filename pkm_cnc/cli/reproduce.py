@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from pkm_cnc.cli.arguments import make_folder
 from pkm_cnc.cli.progress import bar
-from pkm_cnc.errors import InputError
 
 __all__ = ["add_parser"]
 
@@ -32,18 +32,10 @@ def _reproduce(arguments: argparse.Namespace) -> None:
     from pkm_cnc.reproduction import reproduce, text, write_report  # imports that no other command needs
 
     if arguments.report:
-        _make(Path(arguments.report))
+        make_folder(Path(arguments.report))
     with bar("reproduce") as tell:
         reproduction = reproduce(tell)
     print(json.dumps(reproduction.to_json(), allow_nan=False) if arguments.json else text(reproduction))
     if arguments.report:
         written = write_report(Path(arguments.report), reproduction, arguments.command)
         print(f"report {written}", file=sys.stderr if arguments.json else sys.stdout)
-
-
-def _make(folder: Path) -> None:
-    """Refuse a folder that cannot be made before minutes of work, not after."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"report {folder}: {error.strerror}") from None

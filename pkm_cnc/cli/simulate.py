@@ -9,7 +9,7 @@ from typing import Any
 
 from pkm_cnc.bag import BagWriter
 from pkm_cnc.check import prepare
-from pkm_cnc.cli.arguments import add_bag, add_program, print_bag, setup_of
+from pkm_cnc.cli.arguments import add_bag, add_program, print_bag, setup_of, tell_events
 from pkm_cnc.cli.progress import live_line
 from pkm_cnc.program import read_program
 from pkm_cnc.simulation import simulate
@@ -30,6 +30,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
     setup = setup_of(arguments)
     program = read_program(arguments.program)
     toolpath = prepare(setup, program)
+    tell_events(program, toolpath)
     gc.freeze()  # what is there by now stays: without looking at it the garbage collector costs a fifth less
     started = time.monotonic()
     with (

@@ -54,9 +54,10 @@ class ContourTracker:
         """Contour error of the true TCP `point` (m, base_link) while the setpoint is on segment `setpoint_segment`.
 
         The foot is the nearest point of the elements from the progress pointer to the setpoint's own; of elements
-        whose distances are within TIE of the smallest, the earliest has it, except that an element on which the
-        tool runs back gives way to a later one as near: there the contour has turned back on itself. left =
-        (z x t)/|z x t| and up = t x left with the unit tangent t at the foot; both NaN where t is parallel to z.
+        whose distances are within TIE of the smallest, the earliest has it. The pointer's own gives way, too, where
+        the tool has run back on it by more than a later one is away: a tool that follows the setpoint does not run
+        back, the contour has turned back, on itself or closely beside. left = (z x t)/|z x t| and up = t x left with
+        the unit tangent t at the foot; both NaN where t is parallel to z.
 
         Raises MachineFault if that segment has not been added, or lies behind the progress pointer.
         """
@@ -87,7 +88,7 @@ class ContourTracker:
         Elements out of reach are passed over, and exactly so: walking a length l along the contour brings no point
         nearer by more than l, so from a start D away all within D - nearest of it is further than the nearest.
         """
-        nearest = math.dist(point, self._elements[self._place].position(s))
+        nearest = max(math.dist(point, self._elements[self._place].position(s)), self._furthest - s)
         near = [(nearest, self._place, s)]
         place = self._place + 1
         while place <= last:
@@ -104,9 +105,7 @@ class ContourTracker:
                 near.append((distance, place, candidate))
                 nearest = min(nearest, distance)
             place += 1
-        ties = [(place, s) for distance, place, s in near if not distance > nearest + TIE]
-        runs_back = ties[0][0] == self._place and s < self._furthest - TIE
-        return ties[1] if runs_back and len(ties) > 1 else ties[0]
+        return next((place, s) for distance, place, s in near if not distance > nearest + TIE)
 
     def _drop_passed(self) -> None:
         passed = self._place

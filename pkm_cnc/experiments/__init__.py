@@ -9,6 +9,7 @@ from typing import cast
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.experiments._page import experiment_page
+from pkm_cnc.experiments._workers import starting_workers
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab, Tell
 from pkm_cnc.experiments.trial import Runner, Trial, simulated, trial_of_bag
 
@@ -23,6 +24,7 @@ __all__ = [
     "experiment_page",
     "load_experiment",
     "simulated",
+    "starting_workers",
     "trial_of_bag",
 ]
 

@@ -122,6 +122,12 @@ def _run(lab: Lab, options: Options) -> Findings:
     setup, machine = monopod(lab, "kv-max")
     speed = options.step_feed / 60e3
     ends = [x + 1e3 * speed * _STEP_SECONDS for x in options.positions]
+    highest = 0.5 / setup.servo_period
+    if options.frequency >= highest:
+        raise InputError(
+            f"frequency: {options.frequency:g} Hz is not below half the servo rate, {highest:g} Hz: the drive reads it "
+            "as a lower one"
+        )
     require_reachable(machine, "positions, with the way of the step", [*options.positions, *ends])
     lab.tell(0.0, "stability of the drive")
     limit = stability_limit(setup, "u")

@@ -111,12 +111,14 @@ class Ellipse:
 def _run(lab: Lab, options: Options) -> Findings:
     equal = [f"drive.kv={options.kv}"]
     lower = options.kv * (1.0 - options.mismatch / 100.0)
-    serial = lab.setup([*equal, f"y.drive.kv={lower}", *resting(lab.setup())])
-    if not {"x", "y"} <= set(serial.axes):
+    given = lab.setup()  # before the overrides, which another machine would not know
+    if not {"x", "y"} <= set(given.axes):
         raise InputError(
             f"experiment kv-mismatch: it needs a serial machine with axes x and y; "
-            f"{serial.machine_name} has {', '.join(serial.axes)}"
+            f"{given.machine_name} has {', '.join(given.axes)}"
         )
+    serial = lab.setup([*equal, f"y.drive.kv={lower}", *resting(given)])
+    _ideal(lab, options)  # what it refuses is refused before minutes of runs
     parallel = lab.setup([*equal, *resting(lab.setup())], machine=options.parallel)
     lab.tell(0.0, f"lines on {serial.machine_name}")
     mismatched = _lines(lab, serial, options)
@@ -179,12 +181,20 @@ def _ellipse(lab: Lab, setup: Setup, options: Options, lower: float) -> Ellipse:
     )
 
 
+def _ideal(lab: Lab, options: Options) -> dict[float, Setup]:
+    """The machine with equal gains and an ideal velocity loop by servo period, ms, the longest first."""
+    same = [f"drive.kv={options.kv}", "drive.kind=first_order"]
+    return {
+        period: lab.setup([*same, f"servo_period={period / 1e3!r}"])
+        for period in sorted(set(options.periods), reverse=True)
+    }
+
+
 def _radial(lab: Lab, options: Options) -> list[dict[str, float]]:
     """Mean dR of a circle with equal gains and an ideal velocity loop over the servo period, beside closed forms."""
     speed, radius = options.circle_feed / 60e3, options.radius / 1e3
     rows = []
-    for period in sorted(set(options.periods), reverse=True):
-        setup = lab.setup([f"drive.kv={options.kv}", "drive.kind=first_order", f"servo_period={period / 1e3!r}"])
+    for period, setup in _ideal(lab, options).items():
         path = _circles(lab, setup, options, "ccw")["ccw"]
         gain = options.kv * period / 1e3
         response = abs(gain / (cmath.exp(1j * speed / radius * period / 1e3) - 1.0 + gain))

@@ -29,6 +29,7 @@ __all__ = ["EXPERIMENT", "Options", "Response"]
 Array = NDArray[np.float64]
 
 _SAMPLES = 4001  # of a computed response
+_FINENESS = 20  # samples at least in the time constant of what is computed: its figures then hold to 1e-3
 _HEIGHT = 1e-3  # m, of the step that the axis is given: far within any limit
 MS = 1e3
 
@@ -40,7 +41,7 @@ class Options:
     time_constant: float = parameter(0.05, "of the first-order system", unit="s", above=0.0)
     natural_frequency: float = parameter(40.0, "omega_n of the second-order system", unit="rad/s", above=0.0)
     damping: float = parameter(0.4, "zeta of the second-order system", unit="1", minimum=0.01, maximum=0.99)
-    seconds: float = parameter(1.0, "length of the responses", unit="s", above=0.0)
+    seconds: float = parameter(1.0, "length of the responses", unit="s", above=0.0, maximum=60.0)
     band: float = parameter(2.0, "half width of the band for the settling time", unit="%", above=0.0, maximum=49.0)
 
 
@@ -110,6 +111,7 @@ def _simulated(lab: Lab, options: Options) -> Response:
 def _run(lab: Lab, options: Options) -> Findings:
     setup = lab.setup()
     axis, parts = next(iter(setup.axes.items()))
+    _require_resolved(options)
     omega, zeta = options.natural_frequency, options.damping
     first = _computed("first order", TransferFunction((1.0,), (options.time_constant, 1.0)), options)
     square = omega * omega
@@ -142,6 +144,20 @@ def _run(lab: Lab, options: Options) -> Findings:
     rows: list[list[str | float | None]] = [list(entry.values()) for entry in entries]
     figures = [_typical_figure(second, options), _impulse_figure(first, second), _drive_figure(drive, runs)]
     return Findings([Table("Step responses", columns, rows)], figures, data, _remarks(data, setup.servo_period))
+
+
+def _require_resolved(options: Options) -> None:
+    """Raise InputError if a system is too fast for the samples of its response."""
+    shortest = _FINENESS * options.seconds / (_SAMPLES - 1)
+    for name, time in (
+        ("time_constant", options.time_constant),
+        ("natural_frequency", 1.0 / options.natural_frequency),
+    ):
+        if time < shortest:
+            raise InputError(
+                f"{name}: {getattr(options, name):g} is too fast to be seen in responses of {options.seconds:g} s: its "
+                f"time is {time:.3g} s, below {shortest:.3g} s; take fewer seconds"
+            )
 
 
 def _typical_figure(second: Response, options: Options) -> Figure:

@@ -17,6 +17,7 @@ from pkm_cnc.contour import star_program
 from pkm_cnc.errors import InputError
 from pkm_cnc.experiments._machine import place, resting
 from pkm_cnc.experiments._star_array import LineMotion, StarErrors, line_motion, star_errors
+from pkm_cnc.experiments._workers import starting_workers
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab
 from pkm_cnc.parameters import parameter
 from pkm_cnc.report.figure import Array, Curve, Figure, Map, Panel, Table
@@ -95,6 +96,8 @@ class Stars:
 
 
 def _run(lab: Lab, options: Options) -> Findings:
+    if options.jobs == 0:
+        raise InputError("--jobs: 0 processes do no work: from 1 on, or -1 for one for each core")
     setup = lab.setup(resting(lab.setup()))
     grid = _grid(setup, options)
     gains = _gains(setup, grid)
@@ -150,7 +153,9 @@ def _stars(lab: Lab, setup: Setup, grid: Grid, options: Options) -> Stars:
     tasks = (delayed(_row)(text, grid.row(y), options.headings, motion) for y in grid.y)
     rows: list[list[StarErrors]] = []
     with _backend(options):
-        for row in Parallel(return_as="generator")(tasks):
+        with starting_workers():
+            computed = Parallel(return_as="generator")(tasks)
+        for row in computed:
             rows.append(row)
             lab.tell(0.98 * len(rows) / len(grid.y), f"row {len(rows)} of {len(grid.y)}")
 

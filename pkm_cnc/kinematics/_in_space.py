@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pkm_cnc.kinematics.machine import Array, Machine, Motion, Segment, Violation, unreachable
-from pkm_cnc.tolerances import OFF_MACHINE
+from pkm_cnc.tolerances import OFF_MACHINE, OFF_MACHINE_RATE
 
 __all__ = ["in_space"]
 
 SPACE = ("x", "y", "z")
-POSITION, VELOCITY, ACCELERATION = ("", "mm"), ("v", "mm/s"), ("a", "mm/s^2")
-"""What the name of a component begins with, and its unit, in reasons."""
+POSITION = "", "mm", OFF_MACHINE
+VELOCITY, ACCELERATION = ("v", "mm/s", OFF_MACHINE_RATE), ("a", "mm/s^2", OFF_MACHINE_RATE)
+"""What the name of a component begins with, its unit, in reasons; what counts as 0."""
 
 
 def in_space(machine: Machine) -> Machine:
@@ -90,19 +91,19 @@ class _InSpace:
     def sketch(self, joints: ArrayLike, tcp: ArrayLike) -> list[Segment]:
         return self._machine.sketch(joints, np.asarray(tcp, dtype=float)[..., self._moved])
 
-    def _own(self, vectors: ArrayLike, kind: str, unit: str) -> Array:
+    def _own(self, vectors: ArrayLike, kind: str, unit: str, nothing: float) -> Array:
         """The machine's coordinates of `vectors` (..., 3). Raises UnreachableError if another one is not 0."""
         array = np.asarray(vectors, dtype=float)
-        outside = self._outside(array, kind, unit)
+        outside = self._outside(array, kind, unit, nothing)
         if outside:
             raise unreachable(outside)
         return array[..., self._moved]
 
-    def _outside(self, vectors: Array, kind: str, unit: str) -> list[Violation]:
+    def _outside(self, vectors: Array, kind: str, unit: str, nothing: float) -> list[Violation]:
         rows, single = vectors.reshape(-1, 3), vectors.ndim == 1
         moved = " and ".join(SPACE[column] for column in self._moved)
         found = []
-        for row, place in np.argwhere(~(np.abs(rows[:, self._fixed]) <= OFF_MACHINE)).tolist():
+        for row, place in np.argwhere(~(np.abs(rows[:, self._fixed]) <= nothing)).tolist():
             name, value = SPACE[self._fixed[place]], float(rows[row, self._fixed[place]])
             reason = f"{kind}{name}: {1e3 * value:.4g} {unit} is not 0: this machine moves the TCP in {moved} only"
             found.append(Violation(None if single else row, name, abs(value), reason))

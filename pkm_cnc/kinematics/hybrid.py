@@ -57,19 +57,23 @@ class _Geometry(TripodGeometry):
         "how x and y are divided: share = by geometry.split; frequency = the table takes what is slow, the Tripod the "
         "rest, by geometry.crossover",
         choices=("share", "frequency"),
+        decided=True,
     )
     split: float = parameter(
         0.5,
         "by share: the Tripod's part of x and y, 0 = all by the table, 1 = all by the Tripod",
         minimum=0.0,
         maximum=1.0,
+        decided=True,
     )
     crossover: float = parameter(
         1.0,
         "by frequency: a sine of this frequency is passed by half to the table, a slower one by more; at a constant "
         "speed v the Tripod runs v / (pi crossover) ahead, 32 mm at 6000 mm/min",
         unit="Hz",
-        above=0.0,
+        minimum=0.01,
+        maximum=1000.0,
+        decided=True,
     )
 
 

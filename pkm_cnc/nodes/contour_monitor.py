@@ -7,6 +7,7 @@ from typing import Any
 
 from pkm_cnc import run_messages
 from pkm_cnc.contour import ContourMonitor, in_position
+from pkm_cnc.errors import MachineFault, UnreachableError
 from pkm_cnc.kinematics import Machine
 from pkm_cnc.messages import deserialize
 from pkm_cnc.nodes.graph_node import GraphNode
@@ -64,8 +65,11 @@ class ContourMonitorNode(GraphNode):
         """Judge one cycle."""
         setpoint = TcpSetpoint(*inputs[0])
         states = [AxisState(*values) for values in inputs[1:]]
-        believed = _tcp(self.setup.machine, [state.position for state in states])
-        true = _tcp(self.setup.actual, [state.slider_position for state in states])
+        try:
+            believed = _tcp(self.setup.machine, [state.position for state in states])
+            true = _tcp(self.setup.actual, [state.slider_position for state in states])
+        except UnreachableError as unreachable:
+            raise MachineFault(f"cycle {cycle}: {unreachable}") from None
         tcp, error = self._monitor.step(setpoint, believed, true)
         while (
             self._segments.expected - len(self._ahead) <= setpoint.segment

@@ -55,6 +55,7 @@ def run_nodes(nodes: Sequence[GraphNode], context: Context, tick: Callable[[], N
     finally:
         for node in nodes:
             node.destroy_node()
+        gc.unfreeze()  # or what stays to the end of the process is torn down with DDS's threads at work: it may crash
 
 
 def _configure_and_spin(

@@ -35,4 +35,4 @@ class TravelParameters:
 
     def __post_init__(self) -> None:
         if not self.minimum < self.maximum:
-            raise InputError(f"travel.minimum: {self.minimum} m is not below travel.maximum {self.maximum} m")
+            raise InputError(f"minimum: {self.minimum} m is not below the maximum of {self.maximum} m")

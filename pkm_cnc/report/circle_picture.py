@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ __all__ = ["circle_figure", "circle_plan", "circle_tests"]
 
 ROOM = 0.6
 """Of the radius: how far the largest radial deviation is drawn from the programmed circle at most."""
-Role = Literal["data", "programmed", "scale"]
 FULL_TURN = np.linspace(0.0, math.tau, 721)
 
 
@@ -61,22 +60,22 @@ def circle_plan(paths: Sequence[CirclePath]) -> Panel:
     largest = max(float(np.abs(path.deviation).max()) for path in paths)
     scale = round_scale(largest, ROOM * arc.radius)
 
-    def curve(name: str, angle: Array, deviation: Array, points: bool = False, role: Role = "data") -> Curve:
+    def curve(angle: Array, deviation: Array, name: str, **kind: Any) -> Curve:
         radius = 1e3 * (arc.radius - scale * deviation)
         x, y = 1e3 * arc.center[0] + radius * np.cos(angle), 1e3 * arc.center[1] + radius * np.sin(angle)
-        return Curve(name, x, y, "points" if points else "line", role)
+        return Curve(name, x, y, value=1e6 * deviation, value_label="dR (um)", **kind)
 
-    curves = [curve("programmed", FULL_TURN, 0.0 * FULL_TURN, role="programmed")]
+    curves = [curve(FULL_TURN, 0.0 * FULL_TURN, "programmed", role="programmed")]
     notes = []
     for ring in _rings(paths):
         if scale * 1e-6 * ring < 0.9 * arc.radius:
-            curves.append(curve("", FULL_TURN, 0.0 * FULL_TURN + 1e-6 * ring, role="scale"))
+            curves.append(curve(FULL_TURN, 0.0 * FULL_TURN + 1e-6 * ring, "", role="scale"))
             radius = 1e3 * (arc.radius - scale * 1e-6 * ring) / math.sqrt(2.0)
             notes.append(Note(1e3 * arc.center[0] + radius, 1e3 * arc.center[1] - radius, f"{ring:g} um"))
     for path in paths:
-        curves.append(curve(_direction(path), path.angle, path.deviation))
+        curves.append(curve(path.angle, path.deviation, _direction(path)))
         tops = np.array(extrema(path))
-        curves.append(curve("", tops, _deviation(path, tops), points=True))
+        curves.append(curve(tops, _deviation(path, tops), "", kind="points"))
     title = f"Actual path, its distance to the programmed circle magnified {scale:.10g}:1"
     return Panel(title, "x (mm)", "y (mm)", curves, notes=notes, equal=True)
 
@@ -101,18 +100,20 @@ def _deviation(path: CirclePath, angle: Array) -> Array:
 
 
 def _over_angle(paths: Sequence[CirclePath]) -> Panel:
-    curves, notes = [], []
+    curves = []
     for path in paths:
         order = np.argsort(path.angle)
         curves.append(Curve(_direction(path), np.degrees(path.angle[order]), 1e6 * path.deviation[order]))
         tops = np.array(extrema(path))
-        heights = 1e6 * _deviation(path, tops)
-        curves.append(Curve("", np.degrees(tops), heights, kind="points"))
-        room = 0.05 * 1e6 * max(float(np.ptp(path.deviation)), 1e-12)
-        side = 1.0 if path.arc.sweep > 0.0 else -1.0
-        notes += [
-            Note(math.degrees(angle), float(height) + side * room, f"{math.degrees(angle):.2f}\N{DEGREE SIGN}")
-            for angle, height in zip(tops, heights, strict=True)
-        ]
+        numbers = ", ".join(f"{angle:.2f}" for angle in sorted(np.degrees(tops)))
+        curves.append(
+            Curve(
+                f"{_direction(path)}: maxima at {numbers or 'no angle'} deg",
+                np.degrees(tops),
+                1e6 * _deviation(path, tops),
+                kind="points",
+                like=_direction(path),
+            )
+        )
     title = "Radial deviation (+ = the circle came out too small)"
-    return Panel(title, "actual angle about the programmed centre (deg)", "dR (um)", curves, notes=notes, x_step=45.0)
+    return Panel(title, "actual angle about the programmed centre (deg)", "dR (um)", curves, x_step=45.0)

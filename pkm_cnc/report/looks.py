@@ -23,7 +23,9 @@ class Look(NamedTuple):
 
 
 PROGRAMMED = Look("#595959", 0.8, (), ("o", "circle"), False)
+ASIDE = Look("#a6a6a6", 0.9, (), ("o", "circle"), False)
 SCALE = Look("#9a9a9a", 0.6, (1.5, 2.0), ("o", "circle"), False)
+OTHERS = {"programmed": PROGRAMMED, "aside": ASIDE, "scale": SCALE}
 DATA = (
     Look("#0b4f8a", 1.4, (), ("o", "circle"), False),
     Look("#d9730d", 1.4, (6.0, 2.0), ("s", "square"), True),
@@ -36,6 +38,12 @@ DATA = (
 )
 """In the order in which names take them; dark and light alternate, so that neighbours differ in grey."""
 
+SHADE = 0.13
+"""Opacity of an area."""
+DARKEST = 0.3
+"""Where the colours of maps begin on the scale "viridis": above it black lines and numbers stay readable, and lightness
+rises all the way, so that a map is read in grey too."""
+
 
 def looks(figure: Figure) -> list[list[Look]]:
     """The look of every curve, by panel: a name has one look in the whole figure."""
@@ -44,12 +52,11 @@ def looks(figure: Figure) -> list[list[Look]]:
 
     def look(curve: Curve) -> Look:
         nonlocal last
-        if curve.role == "programmed":
-            return PROGRAMMED
-        if curve.role == "scale":
-            return SCALE
-        if curve.name:
-            last = by_name.setdefault(curve.name, DATA[len(by_name) % len(DATA)])
+        if curve.role != "data":
+            return OTHERS[curve.role]
+        name = curve.like or curve.name
+        if name:
+            last = by_name.setdefault(name, DATA[len(by_name) % len(DATA)])
         return last
 
     return [[look(curve) for curve in panel.curves] for panel in figure.panels]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from string import Template
@@ -18,7 +18,8 @@ from pkm_cnc import __version__
 from pkm_cnc.errors import InputError
 from pkm_cnc.report.figure import Figure, Table
 from pkm_cnc.report.files import write_whole
-from pkm_cnc.report.text import cell, numeric_columns
+from pkm_cnc.report.text import cell_texts, numeric_columns, plain
+from pkm_cnc.report.thinning import thinned
 
 __all__ = ["Page", "write_page"]
 
@@ -35,7 +36,7 @@ class Page:
     figures: Sequence[Figure]
     remarks: Sequence[str] = ()
     parameters: Sequence[Table] = ()
-    """What it was made with, folded below everything else."""
+    """What it was made with, below everything else; the last table, the longest, is folded."""
     links: Sequence[tuple[str, str]] = ()
     """Text and relative address of pages that belong to it."""
     data: dict[str, Any] | None = None
@@ -54,7 +55,7 @@ def write_page(folder: Path, page: Page) -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"report {folder}: {error.strerror}") from None
-    drawn = [(figure, paper.svg(figure)) for figure in page.figures]
+    drawn = [(figure, paper.svg(figure)) for figure in map(thinned, page.figures)]
     files = [
         (f"{figure.name}.{kind}", content)
         for figure, svg in drawn
@@ -69,29 +70,34 @@ def write_page(folder: Path, page: Page) -> list[Path]:
 def _html(page: Page, drawn: Sequence[tuple[Figure, bytes]]) -> str:
     from pkm_cnc.report import screen
 
-    links = "".join(f'<li><a href="{escape(address)}">{escape(text)}</a></li>' for text, address in page.links)
-    parameters = "".join(map(_table, page.parameters))
+    links = "".join(f'<li><a href="{_text(address)}">{_text(text)}</a></li>' for text, address in page.links)
     return _PAGE.substitute(
-        title=escape(page.title),
-        question=escape(page.question),
+        title=_text(page.title),
+        question=_text(page.question),
         tables="".join(map(_table, page.tables)),
-        remarks="".join(f"<p>{escape(remark)}</p>" for remark in page.remarks),
+        remarks="".join(f'<p class="remark">{_text(remark)}</p>' for remark in page.remarks),
         links=f"<ul>{links}</ul>" if links else "",
         figures="".join(_figure(figure, svg, screen.picture(figure, f"figure-{figure.name}")) for figure, svg in drawn),
-        parameters=f"<details><summary>Parameters</summary>{parameters}</details>" if parameters else "",
-        command=escape(page.command),
-        version=escape(__version__),
+        parameters="".join(
+            _parameters(table, "" if table is page.parameters[-1] else " open") for table in page.parameters
+        ),
+        command=_text(page.command),
+        version=_text(__version__),
         script=f"<script>{screen.script()}</script>" if drawn else "",
     )
 
 
+def _text(text: str) -> str:
+    return escape(plain(text))
+
+
 def _figure(figure: Figure, svg: bytes, moving: str) -> str:
-    name = escape(figure.name)
+    name = _text(figure.name)
     return (
         f'<figure><div class="screen">{moving}</div>'
-        f'<img class="paper" alt="{escape(figure.title)}"'
+        f'<img class="paper" alt="{_text(figure.title)}"'
         f' src="data:image/svg+xml;base64,{base64.b64encode(svg).decode()}">'
-        f"<figcaption><b>{escape(figure.title)}.</b> {escape(figure.caption)} "
+        f"<figcaption><b>{_text(figure.title)}.</b> {_text(figure.caption)} "
         f'<span class="files">Files: <a href="{name}.svg">{name}.svg</a>, <a href="{name}.png">{name}.png</a></span>'
         "</figcaption></figure>"
     )
@@ -99,17 +105,17 @@ def _figure(figure: Figure, svg: bytes, moving: str) -> str:
 
 def _table(table: Table) -> str:
     kinds = [' class="number"' if right else "" for right in numeric_columns(table)]
-    head = "".join(f"<th{kind}>{escape(name)}</th>" for kind, name in zip(kinds, table.columns, strict=True))
+    head = "".join(f"<th{kind}>{_text(name)}</th>" for kind, name in zip(kinds, table.columns, strict=True))
     rows = "".join(
-        "<tr>"
-        + "".join(f"<td{kind}>{escape(cell(value))}</td>" for kind, value in zip(kinds, row, strict=True))
-        + "</tr>"
-        for row in table.rows
+        "<tr>" + "".join(f"<td{kind}>{_text(text)}</td>" for kind, text in zip(kinds, row, strict=True)) + "</tr>"
+        for row in cell_texts(table)
     )
-    return (
-        f'<div class="table"><table><caption>{escape(table.title)}</caption>'
-        f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
-    )
+    caption = f"<caption>{_text(table.title)}</caption>" if table.title else ""
+    return f'<div class="table"><table>{caption}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
+
+
+def _parameters(table: Table, shown: str) -> str:
+    return f"<details{shown}><summary>{_text(table.title)}</summary>{_table(replace(table, title=''))}</details>"
 
 
 _PAGE = Template("""<!DOCTYPE html>
@@ -131,7 +137,18 @@ caption { text-align: left; font-weight: 600; padding: 0.3rem 0; white-space: no
 th, td { padding: 0.2rem 0.7rem; text-align: left; vertical-align: top; border-bottom: 1px solid #ddd; }
 th { border-bottom: 2px solid #555; }
 .number { text-align: right; white-space: nowrap; }
+.remark { max-width: 52rem; white-space: pre-line; }
 figure { margin: 2rem 0; }
+.panels { display: grid; grid-template-columns: repeat(var(--columns), minmax(0, 1fr)); gap: 0.5rem 1.5rem; }
+.panel { grid-row: span var(--rows); min-width: 0; }
+.panel h3 { font-size: 0.9rem; font-weight: 600; text-align: center; min-height: 1.4rem; margin: 0.5rem 0 0; }
+.plot { height: calc(var(--rows) * 20rem + (var(--rows) - 1) * 2.4rem); }
+.tall .plot { height: 34rem; }
+@media screen and (max-width: 50rem) {
+  .panels { grid-template-columns: minmax(0, 1fr); }
+  .panel { grid-row: auto; }
+  .tall .plot, .plot { height: min(34rem, 105vw); }
+}
 figcaption { font-size: 0.9rem; color: #333; max-width: 52rem; }
 .files { color: #666; }
 .paper { display: none; width: 100%; }
@@ -145,8 +162,11 @@ footer { border-top: 1px solid #ddd; margin-top: 2rem; padding-top: 0.5rem; font
   .paper { display: block; max-height: 22cm; object-fit: contain; object-position: left; }
   figure { break-inside: avoid; }
   .table { overflow: visible; }
+  table { font-size: 8pt; }
+  th, td { padding: 0.1rem 0.35rem; }
 }
 </style>
+<noscript><style>.screen { display: none; } .paper { display: block; }</style></noscript>
 $script
 </head>
 <body>

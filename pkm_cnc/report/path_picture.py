@@ -34,9 +34,8 @@ def path_figure(evaluation: Evaluation, name: str) -> Figure:
         name,
         f"Contour error along the path, {evaluation.machine}: {evaluation.program_name}",
         panels,
-        "Every cycle of the run. Thick: the cycles that are judged (middle half of lines, arcs). Other cycles are cut "
-        "off where they leave the judged ones' range by more than its height; the title says how large they are. "
-        "Numbers name lines of the part program.",
+        "Every cycle of the run. Judged are those on the middle half of lines and on arcs; the frame is chosen for "
+        "them, and the others may leave it: the title says how large they are. Numbers are lines of the part program.",
         share_x=True,
     )
 
@@ -48,36 +47,43 @@ def _panel(
     if not len(finite):
         return Panel(f"{title}: not defined, the path is vertical", "path length (mm)", label)
     low, high = _frame(values, judged)
+    curves = [
+        Curve("other cycles", path_length, values, role="aside"),
+        Curve("judged cycles", path_length, np.where(judged, values, np.nan)),
+        _borders(evaluation, low, high),
+    ]
     return Panel(
         f"{title}; largest size {np.abs(finite).max():.1f} um",
         "path length along the programmed contour (mm)",
         label,
-        [
-            Curve(
-                "other cycles",
-                path_length,
-                np.where((low <= values) & (values <= high), values, np.nan),
-                role="programmed",
-            ),
-            Curve("judged cycles", path_length, np.where(judged, values, np.nan)),
-        ],
-        notes=_names(evaluation, high),
+        curves,
+        notes=_names(evaluation, high - 0.05 * (high - low)),
+        y_range=(low, high),
     )
 
 
+def _borders(evaluation: Evaluation, low: float, high: float) -> Curve:
+    last = max(error.segment for error in evaluation.errors)
+    starts = 1e3 * np.array(evaluation.starts[: last + 1])
+    x, y = np.repeat(starts, 3), np.tile([low, high, np.nan], len(starts))
+    return Curve("borders of segments", x, y, role="scale")
+
+
 def _frame(values: Array, judged: NDArray[np.bool_]) -> tuple[float, float]:
-    counted = values[judged & np.isfinite(values)]
+    finite = np.isfinite(values)
+    counted = values[judged & finite]
     if not len(counted):
-        return -np.inf, np.inf
+        counted = values[finite]
     low, high = min(float(counted.min()), 0.0), max(float(counted.max()), 0.0)
     margin = FRAME * max(high - low, 1e-3)
-    return low - margin, high + margin
+    lowest, highest = float(values[finite].min()), float(values[finite].max())
+    return max(low - margin, lowest - 0.15 * margin), min(high + margin, highest + 0.15 * margin)
 
 
 def _names(evaluation: Evaluation, height: float) -> list[Note]:
     last = max(error.segment for error in evaluation.errors)
     names = [index for index in evaluation.summaries if index <= last]
-    if len(names) > MOST_NAMES or not np.isfinite(height):
+    if len(names) > MOST_NAMES:
         return []
     middles = [1e3 * (evaluation.starts[index] + 0.5 * evaluation.elements[index].length) for index in names]
     return [

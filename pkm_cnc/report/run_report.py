@@ -51,7 +51,5 @@ def parameter_tables(setup: Setup) -> list[Table]:
     for key, (value, spec) in setup.parameters.items():
         text = ", ".join(f"{part:.10g}" for part in value) if isinstance(value, tuple) else str(value)
         rows[value == spec.default].append((key, text, spec.unit, spec.doc))
-    return [
-        Table("Different from the default", columns, rows[False]),
-        Table("Default", columns, rows[True]),
-    ]
+    titles = {False: "Parameters that differ from their defaults", True: "Parameters at their defaults"}
+    return [Table(title, columns, rows[default]) for default, title in titles.items() if rows[default]]

@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pkm_cnc.contour import SegmentSummary, heading_deg
 from pkm_cnc.evaluation import Evaluation
@@ -65,8 +64,8 @@ def star_figure(evaluation: Evaluation, star: Star, name: str) -> Figure:
             _over_heading(star, "up", "z contour error (+ = tool above)", "z (um)"),
         ],
         f"Plan view: the distance of the actual path to the lines is drawn {scale:.10g}:1, headings stand at the ends. "
-        "Mean, band of one standard deviation, and largest size on the side of the mean, each over the line's middle "
-        "half.",
+        "Mean, standard deviation and largest size are each over the line's middle half.",
+        columns=2,
     )
 
 
@@ -82,22 +81,34 @@ def _plan(evaluation: Evaluation, star: Star, scale: float) -> Panel:
         along = np.array([error.path_length for error in rows]) - evaluation.starts[index]
         left = np.array([error.left for error in rows])
         ends = 1e3 * np.array([line.start, line.end])
-        curves.append(Curve("programmed", ends[:, 0], ends[:, 1], role="programmed"))
-        curves.append(_side("actual, left of travel", line, along, left > ON_THE_LINE * largest, scale * left))
-        curves.append(_side("actual, right of travel", line, along, left < -ON_THE_LINE * largest, scale * left))
+        curves.append(Curve("programmed, arrow = heading", ends[:, 0], ends[:, 1], role="programmed", arrow=True))
+        curves += _side(
+            "actual, left of travel", line, along, np.where(left > ON_THE_LINE * largest, left, np.nan), scale
+        )
+        curves += _side(
+            "actual, right of travel", line, along, np.where(left < -ON_THE_LINE * largest, left, np.nan), scale
+        )
         tx, ty, _ = line.tangent(0.0)
         x, y = ends[1, 0] + 50.0 * length * tx, ends[1, 1] + 50.0 * length * ty
         notes.append(Note(x, y, f"{heading_deg(line):g}\N{DEGREE SIGN}".replace("-", "\N{MINUS SIGN}")))
     title = f"Programmed lines and actual path, its distance to them magnified {scale:.10g}:1"
-    return Panel(title, "x (mm)", "y (mm)", curves, notes=notes, equal=True)
+    return Panel(title, "x (mm)", "y (mm)", curves, notes=notes, equal=True, rows=2)
 
 
-def _side(name: str, line: Line, along: Array, there: NDArray[np.bool_], offset: Array) -> Curve:
-    """The judged path where it is on one side of the line: `offset` is the magnified error, m."""
+def _side(name: str, line: Line, along: Array, left: Array, scale: float) -> list[Curve]:
+    """The judged path on one side of the line, its error `left` (m, NaN on the other side) magnified, and its shade."""
     tx, ty, _ = line.tangent(0.0)
-    across = np.where(there, offset, np.nan) / math.hypot(tx, ty)
-    x, y = line.start[0] + along * tx - across * ty, line.start[1] + along * ty + across * tx
-    return Curve(name, 1e3 * x, 1e3 * y)
+    x, y = 1e3 * (line.start[0] + along * tx), 1e3 * (line.start[1] + along * ty)
+    across = 1e3 * scale * left / math.hypot(tx, ty)
+    path_x, path_y = x - across * ty, y + across * tx
+    curve = Curve(name, path_x, path_y, value=1e6 * left, value_label="left (um)")
+    there = np.isfinite(left)
+    if not there.any():
+        return [curve]
+    outline_x, outline_y = (
+        np.concatenate([base[there], path[there][::-1]]) for base, path in ((x, path_x), (y, path_y))
+    )
+    return [curve, Curve("", outline_x, outline_y, kind="area")]
 
 
 def _over_heading(star: Star, part: str, title: str, label: str) -> Panel:
@@ -106,10 +117,6 @@ def _over_heading(star: Star, part: str, title: str, label: str) -> Panel:
         for _, line, summary in star.lines
     )
     heading, mean, std, largest = np.array(rows, dtype=float).T
-    band_x, band_y = (
-        np.stack([first, second, np.full(len(first), np.nan)], axis=1).reshape(-1)
-        for first, second in ((heading, heading), (mean - std, mean + std))
-    )
     ends = np.array([heading[0], heading[-1]])
     zero = [Curve("", ends, np.zeros(2), role="programmed")] if part == "left" else []
     span = max(float(np.ptp(heading)), 1.0)
@@ -119,9 +126,14 @@ def _over_heading(star: Star, part: str, title: str, label: str) -> Panel:
         label,
         [
             *zero,
-            Curve("mean", heading, mean, kind="line and points"),
-            Curve("mean - std to mean + std", band_x, band_y),
-            Curve("largest size", heading, np.copysign(largest, mean), kind="points"),
+            Curve("mean, bar = std", heading, mean, kind="line and points", like="actual, left of travel", bars=std),
+            Curve(
+                "largest size, on the side of the mean",
+                heading,
+                np.copysign(largest, mean),
+                kind="points",
+                like="actual, right of travel",
+            ),
         ],
         x_step=next(step for step in (5.0, 15.0, 30.0, 45.0, 90.0) if 12.5 * step >= span),
     )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pkm_cnc.experiments import Findings, Lab, Tell, experiment_names, load_experiment, simulated
+from pkm_cnc.experiments import Findings, Lab, Tell, experiment_names, load_experiment, simulated, starting_workers
 from pkm_cnc.reproduction.claim import Claim, Outcome, Verdict
 from pkm_cnc.reproduction.claims import CHAPTERS
 from pkm_cnc.reproduction.evidence import Evidence
@@ -92,7 +92,9 @@ def _in_parallel(tasks: Sequence[tuple[Any, ...]], told: Any, done: int) -> list
 
     order = {task[1]: place for place, task in enumerate(tasks)}
     results = []
-    for name, result in Parallel(n_jobs=-1, return_as="generator_unordered")(delayed(_named)(*task) for task in tasks):
+    with starting_workers():
+        computed = Parallel(n_jobs=-1, return_as="generator_unordered")(delayed(_named)(*task) for task in tasks)
+    for name, result in computed:
         results.append((name, result))
         told(done + len(results), name)
     return sorted(results, key=lambda pair: order[pair[0]])

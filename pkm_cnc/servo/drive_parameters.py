@@ -106,7 +106,7 @@ class DriveParameters:
     def __post_init__(self) -> None:
         if 0.0 < self.position_integral_time < SHORTEST_INTEGRAL_TIME:
             raise InputError(
-                f"drive.position_integral_time: {self.position_integral_time} is below {SHORTEST_INTEGRAL_TIME}; "
+                f"position_integral_time: {self.position_integral_time} is below {SHORTEST_INTEGRAL_TIME}; "
                 "0 is no integral action"
             )
 

@@ -1,0 +1,31 @@
+"""What is refused before anything moves, of what the planner adds to the programmed path or cannot know."""
+
+from __future__ import annotations
+
+import pytest
+
+from pkm_cnc.check import prepare
+from pkm_cnc.config import load_setup
+from pkm_cnc.errors import InputError
+from pkm_cnc.program import Program
+
+
+def test_a_drive_divided_by_frequency_is_checked_against_its_limits() -> None:
+    """The planner takes the table to have all of x and y; what the Tripod truly has is known by setpoint."""
+    overrides = ["geometry.divide=frequency", "u1.limits.acceleration=0.1"]
+    program = Program("fast.ngc", "G1 X50 F6000\nX0\nM2\n")
+    prepare(load_setup("hybrid", overrides[:1]), program)
+    with pytest.raises(
+        InputError, match=r"fast\.ngc:\d: u1 is over its limit at X\S+ .*u1\.limits\.acc"
+    ) as caught:
+        prepare(load_setup("hybrid", overrides), program)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_curve_is_checked_along_its_length() -> None:
+    """Between arcs a curve may bulge out of what they need: here out of a travel that ends at the arcs' own reach."""
+    text = "G64 P0.5 Q0\nG17 G2 X10 Y0 I5 J0 F1000\nG2 X20 Y0 I5 J0\nM2\n"
+    reach = 5e-3
+    prepare(load_setup("cartesian", [f"travel.maximum={0.02 + 1e-6}"]), Program("arcs.ngc", text))
+    with pytest.raises(InputError, match=r"arcs\.ngc:2: y leaves its travel"):
+        prepare(load_setup("cartesian", [f"y.travel.maximum={reach - 1e-5}"]), Program("arcs.ngc", text))
