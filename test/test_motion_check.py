@@ -15,9 +15,7 @@ def test_a_drive_divided_by_frequency_is_checked_against_its_limits() -> None:
     overrides = ["geometry.divide=frequency", "u1.limits.acceleration=0.1"]
     program = Program("fast.ngc", "G1 X50 F6000\nX0\nM2\n")
     prepare(load_setup("hybrid", overrides[:1]), program)
-    with pytest.raises(
-        InputError, match=r"fast\.ngc:\d: u1 is over its limit at X\S+ .*u1\.limits\.acc"
-    ) as caught:
+    with pytest.raises(InputError, match=r"fast\.ngc:\d: u1 is over its limit at X\S+ .*u1\.limits\.acc") as caught:
         prepare(load_setup("hybrid", overrides), program)
     assert "\n" not in str(caught.value)
 
