@@ -22,7 +22,7 @@ setup(
         (f"share/{NAME}/programs", sorted(glob("programs/*.ngc"))),
     ],
     zip_safe=False,
-    install_requires="numpy scipy pyyaml rosbags mcap zstandard matplotlib plotly joblib rich".split(),
+    install_requires="numpy scipy pyyaml rosbags mcap zstandard matplotlib plotly joblib rich scikit-learn".split(),
     extras_require={"cluster": ["distributed"]},
     entry_points={
         "console_scripts": [f"{NAME} = {NAME}.cli:main", *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES)]
