@@ -24,6 +24,7 @@ from pkm_cnc.plant import ScaleParameters, ScrewParameters, TravelParameters
 from pkm_cnc.program import ProgramParameters
 from pkm_cnc.records import NANOSECONDS, Vector
 from pkm_cnc.servo import DriveParameters
+from pkm_cnc.tcp_control import TcpController, TcpControlParameters
 
 __all__ = [
     "AxisSetup",
@@ -113,6 +114,7 @@ class Setup:
     program: ProgramParameters
     motion: MotionParameters
     graph: GraphParameters
+    tcp_control: TcpControlParameters
     axes: dict[str, AxisSetup]
     parameters: dict[str, tuple[Value, Parameter]]
     """All parameters by key, defaults included, each with its description."""
@@ -126,6 +128,11 @@ class Setup:
     def drive_limits(self) -> DriveLimits:
         """What the planner of the motion needs to know of the drives."""
         return DriveLimits.of(self.machine.motion, [axis.limits for axis in self.axes.values()])
+
+    def tcp_controller(self) -> TcpController:
+        """A controller at the TCP for one run, where `tcp_control` asks for one. Raises InputError."""
+        drives = [axis.drive for axis in self.axes.values()]
+        return TcpController(self.tcp_control, self.machine, drives, self.servo_period)
 
     def to_yaml(self) -> str:
         """The machine file that makes this setup again, every default written out."""
@@ -228,7 +235,8 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
     name = str(values["machine"])
     kinematics = load_kinematics(name)
     sections: dict[str, Any] = {"": ControllerParameters, "geometry": kinematics.Geometry}
-    sections |= {"program": ProgramParameters, "motion": MotionParameters, "graph": GraphParameters, **AXIS_SECTIONS}
+    sections |= {"program": ProgramParameters, "motion": MotionParameters, "graph": GraphParameters}
+    sections |= {"tcp_control": TcpControlParameters, **AXIS_SECTIONS}
     given = _by_section({key: value for key, value in values.items() if key != "machine"}, kinematics.axes, sections)
     common: dict[str, Any] = {
         section: read_section(kind, given.pop(section, {}), f"{section}." if section else "")
@@ -260,7 +268,7 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
     period = round(controller.servo_period * NANOSECONDS)
     if abs(period - controller.servo_period * NANOSECONDS) > 1e-3:  # ns; decimals read as a double miss it by less
         raise InputError(f"servo_period: {controller.servo_period} s is not a whole number of nanoseconds")
-    return Setup(
+    setup = Setup(
         machine_name=name,
         kinematics=nominal,
         machine=machine,
@@ -271,9 +279,13 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
         program=common["program"],
         motion=motion,
         graph=graph,
+        tcp_control=common["tcp_control"],
         axes=axes,
         parameters=_described(name, common, own),
     )
+    if setup.tcp_control.active:
+        setup.tcp_controller()  # refuses what does not go together
+    return setup
 
 
 def _machine(kinematics: type[Machine], geometry: Any, prefix: str) -> Machine:

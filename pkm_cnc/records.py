@@ -14,6 +14,7 @@ __all__ = [
     "STATUS_NORMAL",
     "STATUS_TRAVEL_END",
     "AxisCommand",
+    "AxisCorrection",
     "AxisSetpoint",
     "AxisState",
     "ContourError",
@@ -66,6 +67,12 @@ class AxisCommand(NamedTuple):
 
     velocity: float
     tracking_error: float
+
+
+class AxisCorrection(NamedTuple):
+    """What a controller at the TCP adds to a drive's velocity command, m/s."""
+
+    velocity: float
 
 
 class AxisState(NamedTuple):

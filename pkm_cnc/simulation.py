@@ -6,20 +6,31 @@ equals the single cycle bit for bit, so a run does not depend on the block lengt
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pkm_cnc import run_messages
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import ContourMonitor, SegmentSummary, in_position
-from pkm_cnc.errors import MachineFault
+from pkm_cnc.errors import MachineFault, UnreachableError
 from pkm_cnc.kinematics import Machine, Motion, reached_rows
 from pkm_cnc.motion import Interpolator
 from pkm_cnc.plant import AxisPlant
 from pkm_cnc.program import Program, Toolpath
-from pkm_cnc.records import PHASE_END, AxisCommand, AxisSetpoint, AxisState, ContourError, TcpSetpoint, TcpState, Vector
+from pkm_cnc.records import (
+    PHASE_END,
+    AxisCommand,
+    AxisCorrection,
+    AxisSetpoint,
+    AxisState,
+    ContourError,
+    TcpSetpoint,
+    TcpState,
+    Vector,
+)
 from pkm_cnc.servo import ServoDrive
 from pkm_cnc.topics import RUN_END, topics
 from pkm_cnc.visuals import Visuals
@@ -41,7 +52,8 @@ class Cycle(NamedTuple):
     """Everything of one servo cycle; axes in the machine's order.
 
     `entered` are the indices of the segments that the setpoint reaches in this cycle, `summaries` of those that the
-    tool has left; `next_states` are the axes at cycle + 1.
+    tool has left; `next_states` are the axes at cycle + 1, `corrections` None without
+    a controller at the TCP.
     """
 
     cycle: int
@@ -51,6 +63,7 @@ class Cycle(NamedTuple):
     states: list[AxisState]
     commands: list[AxisCommand]
     next_states: list[AxisState]
+    corrections: Sequence[AxisCorrection | None]
     tcp: TcpState
     error: ContourError
     summaries: list[SegmentSummary]
@@ -68,14 +81,19 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
     interpolator = Interpolator(toolpath, setup.motion, setup.servo_period, setup.drive_limits)
     motion = setup.machine.setpoint_motion(setup.start_pose, setup.servo_period)
     axes = _Axes(setup)
+    controller = _TcpControl(setup) if setup.tcp_control.active else None
     monitor = ContourMonitor()
+    block = BLOCK if controller is None else 1  # with it the drives need the TCP of every cycle
     cycle, known, rests = 0, 0, True
     while not interpolator.finished:
         setpoints = [interpolator.step(rests)]
-        while len(setpoints) < BLOCK and not interpolator.needs_feedback and not interpolator.finished:
+        while len(setpoints) < block and not interpolator.needs_feedback and not interpolator.finished:
             setpoints.append(interpolator.step())
         axis_setpoints, unreached = _axis_setpoints(motion, setpoints, cycle)
-        rows, fault = axes.run(axis_setpoints, cycle)
+        corrections, refused = None, None
+        if controller is not None and axis_setpoints:
+            corrections, refused = controller.step(cycle, setpoints[0], axis_setpoints[0], axes.states)
+        rows, fault = ([], refused) if refused is not None else axes.run(axis_setpoints, cycle, corrections)
         fault = fault or unreached
         read = [[state.position for state in row.states] for row in rows]
         sliders = [[state.slider_position for state in row.states] for row in rows]
@@ -94,7 +112,8 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
             cycle += 1
         if fault is not None:
             raise fault
-        rests = in_position(setpoints[-1], believed[-1], setup.motion.in_position_tolerance)
+        measured = true if setup.tcp_control.direct_feedback else believed
+        rests = in_position(setpoints[-1], measured[-1], setup.motion.in_position_tolerance)
 
 
 def _axis_setpoints(
@@ -121,10 +140,39 @@ def _tcp(
 
 
 class _AxesRow(NamedTuple):
+    """As the fields of `Cycle`."""
+
     axis_setpoints: list[AxisSetpoint]
     states: list[AxisState]
     commands: list[AxisCommand]
     next_states: list[AxisState]
+    corrections: Sequence[AxisCorrection | None]
+
+
+class _TcpControl:
+    """The controller that looks at the TCP, with the TCP that the contour monitor will tell of the same cycle."""
+
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
+        self._controller = setup.tcp_controller()
+
+    def step(
+        self, cycle: int, setpoint: TcpSetpoint, axis_setpoints: list[AxisSetpoint], states: list[AxisState]
+    ) -> tuple[list[AxisCorrection] | None, MachineFault | None]:
+        """The corrections, or why there are none."""
+        try:
+            believed = _point(self._setup.machine.forward([state.position for state in states]))
+            true = _point(self._setup.actual.forward([state.slider_position for state in states]))
+            missing = (setpoint.x - true[0], setpoint.y - true[1], setpoint.z - true[2])
+            tcp = TcpState(*believed, *true, *missing)
+            return self._controller.step(setpoint, axis_setpoints, states, tcp), None
+        except UnreachableError as error:
+            return None, MachineFault(f"cycle {cycle}: {error}")
+
+
+def _point(coordinates: NDArray[np.float64]) -> Vector:
+    x, y, z = coordinates.tolist()
+    return x, y, z
 
 
 class _Axes:
@@ -134,25 +182,30 @@ class _Axes:
         self._names = list(setup.axes)
         self._drives = [ServoDrive(parts.drive, setup.servo_period) for parts in setup.axes.values()]
         self._plants = [make_plant(setup, axis) for axis in setup.axes]
-        self._states = [plant.state for plant in self._plants]
+        self.states = [plant.state for plant in self._plants]
+        """Of the next cycle."""
 
     def run(
-        self, axis_setpoints: list[list[AxisSetpoint]], first_cycle: int
+        self,
+        axis_setpoints: list[list[AxisSetpoint]],
+        first_cycle: int,
+        corrections: Sequence[AxisCorrection | None] | None = None,
     ) -> tuple[list[_AxesRow], MachineFault | None]:
-        """The rows up to the end or to the first fault, and that fault."""
+        """The rows up to the end or to the first fault, and that fault; `corrections` are those of a single cycle."""
+        corrections = corrections or [None] * len(self._names)
         rows: list[_AxesRow] = []
         for cycle, setpoints in enumerate(axis_setpoints, first_cycle):
             commands, following = [], []
-            for name, drive, plant, setpoint, state in zip(
-                self._names, self._drives, self._plants, setpoints, self._states, strict=True
+            for name, drive, plant, setpoint, state, correction in zip(
+                self._names, self._drives, self._plants, setpoints, self.states, corrections, strict=True
             ):
                 try:
-                    commands.append(drive.step(setpoint, state))
+                    commands.append(drive.step(setpoint, state, correction))
                     following.append(plant.step(commands[-1]))
                 except MachineFault as error:
                     return rows, MachineFault(f"cycle {cycle}: {name}: {error}")
-            rows.append(_AxesRow(setpoints, self._states, commands, following))
-            self._states = following
+            rows.append(_AxesRow(setpoints, self.states, commands, following, corrections))
+            self.states = following
         return rows, None
 
 
@@ -193,7 +246,11 @@ class _Recording:
         self._axes = list(setup.axes)
         self._toolpath = toolpath
         self._sink = sink
-        self._pack = {topic.name: topic.codec.pack for topic in topics(self._axes).values() if topic.record}
+        self._pack = {
+            topic.name: topic.codec.pack
+            for topic in topics(self._axes, setup.tcp_control.active).values()
+            if topic.record
+        }
         self._visuals = Visuals(setup.actual, self._axes, setup.servo_period_ns)
         sink.write("run_info", 0, run_messages.run_info(setup, program))
 
@@ -215,6 +272,9 @@ class _Recording:
                 self._servo(f"{axis}/actual", number, done.states[place])
             self._servo(f"{axis}/command", number, done.commands[place])
             self._servo(f"{axis}/actual", number + 1, done.next_states[place])
+            correction = done.corrections[place]
+            if correction is not None:
+                self._servo(f"{axis}/correction", number, correction)
         for topic, data in self._visuals.step(number, done.states, done.tcp):
             self._sink.write(topic, time, data)
         for summary in done.summaries:

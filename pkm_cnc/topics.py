@@ -17,6 +17,7 @@ __all__ = [
     "RECORDER",
     "RUN_END",
     "SERVO_FRAMES",
+    "TCP_CONTROLLER",
     "WAITING",
     "Topic",
     "nodes",
@@ -27,6 +28,8 @@ __all__ = [
 BASE_FRAME = "base_link"
 INTERPOLATOR, INVERSE_KINEMATICS = "interpolator", "inverse_kinematics"
 CONTOUR_MONITOR, RECORDER = "contour_monitor", "recorder"
+TCP_CONTROLLER = "tcp_controller"
+"""Only in the graph of a machine whose `tcp_control` is on."""
 ANYONE = "*"
 RUN_END, WAITING = "run_end", "waiting"
 
@@ -37,6 +40,7 @@ SERVO_FRAMES = {
         "TcpSetpoint": BASE_FRAME,
         "AxisSetpoint": "",
         "AxisCommand": "",
+        "AxisCorrection": "",
         "AxisState": "",
         "TcpState": BASE_FRAME,
         "ContourError": BASE_FRAME,
@@ -75,15 +79,19 @@ class Topic(NamedTuple):
         return codec(self.typename, self.frame_id)
 
 
-def nodes(axes: Sequence[str]) -> tuple[str, ...]:
-    """Full names of the nodes of a machine with these axes, relative to its namespace, in the order data flows."""
+def nodes(axes: Sequence[str], tcp_control: bool = False) -> tuple[str, ...]:
+    """Full names of the nodes of a machine with these axes, relative to its namespace, in the order data flows.
+
+    `tcp_control`: with the controller that looks at the TCP.
+    """
     drives = tuple(f"{axis}/{name}" for axis in axes for name in ("servo_drive", "plant"))
-    return (INTERPOLATOR, INVERSE_KINEMATICS, *drives, CONTOUR_MONITOR, RECORDER)
+    controller = (TCP_CONTROLLER,) if tcp_control else ()
+    return (INTERPOLATOR, INVERSE_KINEMATICS, *controller, *drives, CONTOUR_MONITOR, RECORDER)
 
 
-def topics(axes: Sequence[str]) -> dict[str, Topic]:
-    """The topics of a machine with these axes, by name, in the order data flows."""
-    servo, everyone = _servo_topics(axes), nodes(axes)
+def topics(axes: Sequence[str], tcp_control: bool = False) -> dict[str, Topic]:
+    """The topics of a machine with these axes, by name, in the order data flows; `tcp_control` as of `nodes`."""
+    servo, everyone = _servo_topics(axes, tcp_control), nodes(axes, tcp_control)
     monitor = (CONTOUR_MONITOR, (RECORDER,))
     table = [
         Topic("run_info", _ours("RunInfo"), "", INTERPOLATOR, (RECORDER,)),
@@ -102,23 +110,26 @@ def topics(axes: Sequence[str]) -> dict[str, Topic]:
     return {topic.name: topic for topic in table}
 
 
-def recorded_topics(axes: Sequence[str]) -> list[Topic]:
+def recorded_topics(axes: Sequence[str], tcp_control: bool = False) -> list[Topic]:
     """The topics that a bag holds."""
-    return [topic for topic in topics(axes).values() if topic.recorded]
+    return [topic for topic in topics(axes, tcp_control).values() if topic.recorded]
 
 
-def _servo_topics(axes: Sequence[str]) -> Iterator[Topic]:
+def _servo_topics(axes: Sequence[str], tcp_control: bool) -> Iterator[Topic]:
     def servo(name: str, record: type, publisher: str, *subscribers: str) -> Topic:
         typename = _ours(record.__name__)
         return Topic(name, typename, SERVO_FRAMES[typename], publisher, (*subscribers, RECORDER), record)
 
-    yield servo("tcp/setpoint", records.TcpSetpoint, INTERPOLATOR, INVERSE_KINEMATICS, CONTOUR_MONITOR)
+    controller = (TCP_CONTROLLER,) if tcp_control else ()
+    yield servo("tcp/setpoint", records.TcpSetpoint, INTERPOLATOR, INVERSE_KINEMATICS, *controller, CONTOUR_MONITOR)
     for axis in axes:
         drive, plant = f"{axis}/servo_drive", f"{axis}/plant"
-        yield servo(f"{axis}/setpoint", records.AxisSetpoint, INVERSE_KINEMATICS, drive)
+        yield servo(f"{axis}/setpoint", records.AxisSetpoint, INVERSE_KINEMATICS, *controller, drive)
         yield servo(f"{axis}/command", records.AxisCommand, drive, plant)
-        yield servo(f"{axis}/actual", records.AxisState, plant, drive, CONTOUR_MONITOR)
-    yield servo("tcp/state", records.TcpState, CONTOUR_MONITOR)
+        yield servo(f"{axis}/actual", records.AxisState, plant, drive, *controller, CONTOUR_MONITOR)
+        if tcp_control:
+            yield servo(f"{axis}/correction", records.AxisCorrection, TCP_CONTROLLER, drive)
+    yield servo("tcp/state", records.TcpState, CONTOUR_MONITOR, *controller)
     yield servo("contour_error", records.ContourError, CONTOUR_MONITOR)
 
 

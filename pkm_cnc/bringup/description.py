@@ -23,11 +23,16 @@ class GraphNodeSpec(NamedTuple):
         return f"{self.namespace}/{self.executable}" if self.namespace else self.executable
 
 
-def describe_graph(axes: Sequence[str], program: str, bag: str, pacing: str) -> list[GraphNodeSpec]:
-    """The nodes of a machine with these axes that run `program`, paced "fast" or "realtime", recorded to `bag`."""
+def describe_graph(
+    axes: Sequence[str], program: str, bag: str, pacing: str, tcp_control: bool = False
+) -> list[GraphNodeSpec]:
+    """The nodes of a machine with these axes that run `program`, paced "fast" or "realtime", recorded to `bag`.
+
+    `tcp_control`: with the controller that looks at the TCP.
+    """
     extra = {INTERPOLATOR: {"program": program, "pacing": pacing}, RECORDER: {"bag": bag}}
     specs = []
-    for name in nodes(axes):
+    for name in nodes(axes, tcp_control):
         namespace, _, executable = name.rpartition("/")
         specs.append(GraphNodeSpec(executable, namespace, extra.get(name, {})))
     return specs

@@ -36,7 +36,9 @@ def _nodes(context: LaunchContext) -> list[Node]:
             parameters=[given["parameters"], _texts(spec.parameters)],
             output="screen",
         )
-        for spec in describe_graph(tuple(setup.axes), given["program"], given["bag"], given["pacing"])
+        for spec in describe_graph(
+            tuple(setup.axes), given["program"], given["bag"], given["pacing"], setup.tcp_control.active
+        )
     ]
 
 

@@ -42,7 +42,7 @@ def run_in_one_process(
                     parameters={**parameters, **spec.parameters},
                     tap=recorder.tap_in,
                 )
-                for spec in describe_graph(tuple(setup.axes), program, bag, pacing)
+                for spec in describe_graph(tuple(setup.axes), program, bag, pacing, setup.tcp_control.active)
                 if spec.executable != RECORDER
             ]
             return run_nodes([*others, recorder], context, lambda: tick(recorder.cycles))

@@ -40,7 +40,7 @@ def run_in_processes(
 
     Raises MachineFault where another machine runs in the ROS domain.
     """
-    specs = describe_graph(tuple(setup.axes), program, bag, pacing)
+    specs = describe_graph(tuple(setup.axes), program, bag, pacing, setup.tcp_control.active)
     with sole_machine() as lock, tempfile.TemporaryDirectory(prefix="pkm_cnc_") as folder:
         Path(folder, MACHINE_FILE).write_text(setup.to_yaml(), encoding="utf-8")
         processes: dict[str, subprocess.Popen[bytes]] = {}

@@ -35,7 +35,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
     started = time.monotonic()
     with (
         live_line("simulate", setup.servo_period) as show,
-        BagWriter(arguments.bag, recorded_topics(tuple(setup.axes))) as bag,
+        BagWriter(arguments.bag, recorded_topics(tuple(setup.axes), setup.tcp_control.active)) as bag,
     ):
         count = simulate(setup, program, toolpath, bag, lambda cycle: show(cycle.cycle))
     print_bag(arguments.bag, count * setup.servo_period, time.monotonic() - started)

@@ -77,6 +77,9 @@ class ContourMonitor:
                 self._finished.append(SegmentStatistics(index, element, path_start).summary())
 
 
-def in_position(setpoint: TcpSetpoint, believed: Vector, tolerance: float) -> bool:
-    """Whether the TCP, as the controller believes it, is within `tolerance` (m) of the setpoint."""
-    return math.dist((setpoint.x, setpoint.y, setpoint.z), believed) <= tolerance
+def in_position(setpoint: TcpSetpoint, measured: Vector, tolerance: float) -> bool:
+    """Whether the TCP is within `tolerance` (m) of the setpoint, as the controller knows it.
+
+    That is `measured`: what the scales tell of the TCP, or what a measuring system at the TCP does.
+    """
+    return math.dist((setpoint.x, setpoint.y, setpoint.z), measured) <= tolerance

@@ -7,6 +7,7 @@ from pkm_cnc.nodes.inverse_kinematics import InverseKinematicsNode
 from pkm_cnc.nodes.plant import PlantNode
 from pkm_cnc.nodes.recorder import RecorderNode
 from pkm_cnc.nodes.servo_drive import ServoDriveNode
+from pkm_cnc.nodes.tcp_controller import TcpControllerNode
 
 __all__ = ["NODE_CLASSES"]
 
@@ -15,6 +16,7 @@ NODE_CLASSES: dict[str, type[GraphNode]] = {
     "inverse_kinematics": InverseKinematicsNode,
     "servo_drive": ServoDriveNode,
     "plant": PlantNode,
+    "tcp_controller": TcpControllerNode,
     "contour_monitor": ContourMonitorNode,
     "recorder": RecorderNode,
 }

@@ -84,7 +84,8 @@ class ContourMonitorNode(GraphNode):
         self.publish("tcp/state", cycle, tcp)
         self.publish("contour_error", cycle, error)
         if (cycle + 1) % self._stride == 0 or setpoint.phase != PHASE_MOVE:
-            rests = in_position(setpoint, believed, self._tolerance)
+            measured = true if self.setup.tcp_control.direct_feedback else believed
+            rests = in_position(setpoint, measured, self._tolerance)
             self.publish("contour_monitor/progress", cycle, (rests,))
 
 

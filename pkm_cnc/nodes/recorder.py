@@ -39,7 +39,7 @@ class RecorderNode(GraphNode):
         """Make the bag."""
         if not self.run.get("bag"):
             raise InputError("parameter bag is missing; give -p bag:=FOLDER")
-        recorded = recorded_topics(tuple(self.setup.axes))
+        recorded = recorded_topics(tuple(self.setup.axes), self.setup.tcp_control.active)
         self._unpack = {topic.name: topic.codec.unpack for topic in recorded if topic.record}
         self._ledger = Ledger(list(self._unpack), [f"{axis}/actual" for axis in self.setup.axes])
         self._stride = max(1, self.setup.graph.window // 4)

@@ -7,14 +7,14 @@ from typing import Any
 from pkm_cnc.errors import MachineFault
 from pkm_cnc.nodes.graph_node import GraphNode
 from pkm_cnc.nodes.runner import run_node
-from pkm_cnc.records import AxisSetpoint, AxisState
+from pkm_cnc.records import AxisCorrection, AxisSetpoint, AxisState
 from pkm_cnc.servo import ServoDrive
 
 __all__ = ["ServoDriveNode", "main"]
 
 
 class ServoDriveNode(GraphNode):
-    """setpoint, actual -> command."""
+    """setpoint, actual, and correction where there is one -> command."""
 
     def prepare(self) -> None:
         """Make the drive."""
@@ -23,9 +23,10 @@ class ServoDriveNode(GraphNode):
 
     def step(self, cycle: int, inputs: list[tuple[Any, ...]]) -> None:
         """One period of the position loop."""
-        setpoint, actual = inputs
+        setpoint, actual, *correction = inputs
+        correction_or_none = AxisCorrection(*correction[0]) if correction else None
         try:
-            command = self._drive.step(AxisSetpoint(*setpoint), AxisState(*actual))
+            command = self._drive.step(AxisSetpoint(*setpoint), AxisState(*actual), correction_or_none)
         except MachineFault as error:
             raise MachineFault(f"cycle {cycle}: {self.axis}: {error}") from None
         self.publish(self._command, cycle, command)

@@ -3,7 +3,7 @@
 import math
 
 from pkm_cnc.errors import MachineFault
-from pkm_cnc.records import AxisCommand, AxisSetpoint, AxisState
+from pkm_cnc.records import AxisCommand, AxisCorrection, AxisSetpoint, AxisState
 from pkm_cnc.servo.drive_parameters import DriveParameters
 from pkm_cnc.servo.feed_forward import BalancingFilter, filter_step
 from pkm_cnc.servo.pid import PidController
@@ -30,8 +30,10 @@ class ServoDrive:
         balancing = filter_step(parameters, servo_period)
         self._balance = BalancingFilter(balancing) if balancing is not None else None
 
-    def step(self, setpoint: AxisSetpoint, actual: AxisState) -> AxisCommand:
+    def step(self, setpoint: AxisSetpoint, actual: AxisState, correction: AxisCorrection | None = None) -> AxisCommand:
         """Command (m/s) for the period that begins at t_k, from setpoint and scale value (m) at t_k.
+
+        `correction` (m/s) of a controller that looks at the TCP is added like a feed-forward.
 
         The tracking error, which is supervised, is against the setpoint itself, not the one that the balancing filter
         hands to the controller. Raises MachineFault when it is over its limit or a position is not a finite number.
@@ -45,6 +47,8 @@ class ServoDrive:
         feed_forward = (
             self._velocity_feed_forward * setpoint.velocity + self._acceleration_feed_forward * setpoint.acceleration
         )
+        if correction is not None:
+            feed_forward += correction.velocity
         return AxisCommand(self._controller.step(error, feed_forward), tracking_error)
 
     def _fault(self, setpoint: float, actual: float) -> MachineFault:
