@@ -53,8 +53,8 @@ def linear(setup: Setup) -> None:
     """Do nothing if `respond` can take the place of the step loop. Raises InputError naming the parameter if not."""
     if setup.tcp_control.active:
         raise InputError(
-            "tcp_control: a controller at the TCP couples the axes, and the array path takes each on its own: switch it "
-            "off, or run the step loop"
+            "tcp_control: a controller at the TCP couples the axes, and the array path takes each on its own: switch "
+            "it off, or run the step loop"
         )
     for axis, parts in setup.axes.items():
         if parts.scale.resolution != 0.0:

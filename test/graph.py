@@ -29,7 +29,7 @@ RELIABLE = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE, durabi
 def simulated(program, bag, *overrides, machine="tripod"):
     """Simulate the program in a file; return the number of cycles."""
     setup, content = load_setup(machine, overrides), read_program(str(program))
-    with BagWriter(bag, recorded_topics(tuple(setup.axes))) as sink:
+    with BagWriter(bag, recorded_topics(tuple(setup.axes), setup.tcp_control.active)) as sink:
         return simulate(setup, content, prepare(setup, content), sink)
 
 

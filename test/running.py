@@ -15,7 +15,7 @@ from mcap.reader import NonSeekingReader
 import pkm_cnc
 
 AXES = ("u1", "u2", "u3")
-SERVO_TYPES = {"TcpSetpoint", "AxisSetpoint", "AxisCommand", "AxisState", "TcpState", "ContourError"}
+SERVO_TYPES = {"TcpSetpoint", "AxisSetpoint", "AxisCommand", "AxisCorrection", "AxisState", "TcpState", "ContourError"}
 
 SHORT = "%\nG21 G90\nG1 X6 Y2 F6000\nG3 X6 Y2 I-3 J0\nM30\n%\n"
 """A line, a stop, a full circle of radius 3 mm: about 0.5 s of machine time."""

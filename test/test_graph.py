@@ -112,6 +112,21 @@ def test_a_drive_with_everything_on_gives_the_same_in_the_graph(ros_domain, prog
     assert_same_run(tmp_path / "graph", tmp_path / "simulated")
 
 
+@pytest.mark.parametrize("processes", ["one", "each"])
+def test_controllers_at_the_tcp_give_the_same_in_the_graph(ros_domain, program, tmp_path, processes):
+    """A node and a topic per axis more."""
+    overrides = ["tcp_control.adapted_gain=true", "tcp_control.cross_coupling=50"]
+    simulated(program, tmp_path / "simulated", *overrides)
+    options = [part for override in overrides for part in ("--set", override)]
+    done = command(
+        *("run", program, "--machine", "tripod", "--bag", tmp_path / "graph", "--processes", processes), *options
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    ours, theirs = servo_messages(tmp_path / "graph"), servo_messages(tmp_path / "simulated")
+    assert set(theirs) == {*SERVO_TOPICS, *(f"/{axis}/correction" for axis in AXES)}
+    assert ours == theirs
+
+
 def test_one_process_per_node_gives_the_same(ros_domain, program, reference, tmp_path):
     done = command("run", program, "--machine", "tripod", "--bag", tmp_path / "bag", "--processes", "each")
     assert (done.returncode, done.stderr) == (0, "")
