@@ -182,9 +182,22 @@ def setup_from_text(text: str, overrides: Iterable[str] = ()) -> Setup:
     return setup_from_parameters(values)
 
 
+class _UniqueKeys(yaml.SafeLoader):
+    """YAML that refuses a key given twice: the last would win without a word."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """As of the base class."""
+        seen = set()
+        for key, _ in node.value:
+            if str(key.value) in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"{key.value} is given twice", key.start_mark)
+            seen.add(str(key.value))
+        return super().construct_mapping(node, deep)
+
+
 def _flat_file(text: str) -> dict[str, object]:
     try:
-        content = yaml.safe_load(text)
+        content = yaml.load(text, _UniqueKeys)
     except (yaml.YAMLError, ValueError) as error:  # ValueError: what looks like a date or a number and is none
         raise InputError("not valid YAML: " + " ".join(str(error).split())) from None
     if not isinstance(content, dict) or list(content) != ["/**"] or not isinstance(content["/**"], dict):

@@ -166,6 +166,7 @@ def test_a_value_out_of_range_is_named_with_its_bound(parameters, message):
         ("/**:\n  parameters: {machine: tripod}", r"ros__parameters"),
         ("/**:\n  ros__parameters:\n", r"ros__parameters"),
         ("/**:\n  ros__parameters: {}\n", r"^machine: nothing given"),
+        ("/**:\n ros__parameters: {machine: tripod, drive: {kv: 1, kv: 2}}", r"kv is given twice .*line 2"),
         ("/**:\n ros__parameters: {a: [1\n", r"not valid YAML: .*line"),
         ("/**:\n ros__parameters: {a: 2020-13-45}\n", r"not valid YAML: month"),
         ("- 1\n- 2\n", r"top level"),
