@@ -7,11 +7,12 @@ import re
 import signal
 
 import pytest
+from command_line import done, refused
 from graph import run_graph, visitor
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from running import LONG, TIMEOUT, command, messages, one_line, started, wait_for
+from running import LONG, TIMEOUT, messages, one_line, started, wait_for
 from std_srvs.srv import SetBool, Trigger
 
 from pkm_cnc.bag import read_run
@@ -113,10 +114,8 @@ def commanded(bag):
 
 
 def assert_replayed(bag):
-    done = command("replay", bag)
-    assert (done.returncode, done.stderr) == (0, "")
     cycles = read_run(bag).cycles()
-    assert re.match(rf"equal bit for bit: {cycles} cycles, \d+ messages", done.stdout)
+    assert re.match(rf"equal bit for bit: {cycles} cycles, \d+ messages", done("replay", bag))
 
 
 def test_an_attended_run_obeys_and_its_bag_gives_the_same_run_again(ros_domain, tmp_path):
@@ -208,8 +207,7 @@ def test_a_refused_command_says_why_and_changes_nothing(ros_domain, tmp_path):
     assert [kind for kind, _ in commanded(tmp_path / "bag")] == [CMD_START]
 
 
-@pytest.mark.parametrize("processes", ["one", "each"])
-def test_an_abort_ends_an_unattended_run_with_one_line_and_a_readable_bag(ros_domain, tmp_path, processes):
+def test_an_abort_ends_an_unattended_run_with_one_line_and_a_readable_bag(ros_domain, tmp_path):
     (tmp_path / "long.ngc").write_text(LONG)
     bag = tmp_path / "bag"
 
@@ -218,7 +216,7 @@ def test_an_abort_ends_an_unattended_run_with_one_line_and_a_readable_bag(ros_do
         yield from operator.until_it_moves(3)
         yield from operator.do("abort")
 
-    arguments = ("run", tmp_path / "long.ngc", "--machine", "tripod", "--bag", bag, "--processes", processes)
+    arguments = ("run", tmp_path / "long.ngc", "--machine", "tripod", "--bag", bag)
     with operated(script) as tick, started(*arguments) as process:
         wait_for(lambda: (tick(), process.poll() is not None)[1], "the end of the run")
         assert process.returncode == 1
@@ -250,8 +248,7 @@ def test_one_process_per_node_obeys_and_waits_without_missing_anybody(ros_domain
     assert_replayed(bag)
 
 
-@pytest.mark.parametrize("processes", ["one", "each"])
-def test_ctrl_c_while_the_operator_is_waited_for_closes_the_bag(ros_domain, tmp_path, processes):
+def test_ctrl_c_while_the_operator_is_waited_for_closes_the_bag(ros_domain, tmp_path):
     (tmp_path / "part.ngc").write_text("G21 G90\nG1 X4 Y1 F6000\nM2\n")
     bag = tmp_path / "bag"
     ready = []
@@ -260,8 +257,8 @@ def test_ctrl_c_while_the_operator_is_waited_for_closes_the_bag(ros_domain, tmp_
         yield from operator.until(STATE_READY)
         ready.append(True)
 
-    arguments = ("run", tmp_path / "part.ngc", "--machine", "tripod", "--bag", bag, "--processes", processes)
-    with operated(script) as tick, started(*arguments, "--attended") as process:
+    arguments = ("run", tmp_path / "part.ngc", "--machine", "tripod", "--bag", bag, "--attended")
+    with operated(script) as tick, started(*arguments) as process:
         wait_for(lambda: tick() or ready, "the machine is ready", process)
         process.send_signal(signal.SIGINT)
         process.wait(TIMEOUT)
@@ -274,20 +271,17 @@ def test_ctrl_c_while_the_operator_is_waited_for_closes_the_bag(ros_domain, tmp_
 
 @pytest.mark.parametrize("subcommand", ["run", "simulate"])
 @pytest.mark.parametrize("line", ["12", "-1", "2.5"])
-def test_a_line_without_motion_behind_it_is_refused(ros_domain, tmp_path, subcommand, line):
+def test_a_line_without_motion_behind_it_is_refused(tmp_path, subcommand, line):
     (tmp_path / "part.ngc").write_text("G21 G90\nG1 X4 Y1 F6000\nM2\n")
     arguments = (subcommand, tmp_path / "part.ngc", "--machine", "tripod", "--bag", tmp_path / "bag")
-    done = command(*arguments, f"--from-line={line}")
-    assert done.returncode == 2
-    assert line in one_line(done)
+    assert line in refused(*arguments, f"--from-line={line}")
     assert not (tmp_path / "bag").exists()
 
 
 def test_a_run_from_a_line_is_that_of_the_simulation(ros_domain, tmp_path):
     (tmp_path / "part.ngc").write_text("G21 G90\nM3 S500\nG1 X9 Y1 F6000\nG1 X4 Y4\nG1 X0 Y0\nM2\n")
     machine = ("--machine", "tripod", "--from-line", "5")
-    done = command("simulate", tmp_path / "part.ngc", *machine, "--bag", tmp_path / "simulated")
-    assert (done.returncode, done.stderr) == (0, "")
+    done("simulate", tmp_path / "part.ngc", *machine, "--bag", tmp_path / "simulated")
     end = run_graph(tmp_path / "part.ngc", tmp_path / "graph", options=RunOptions(from_line=5))
     assert end.completed, end
     ours, theirs = messages(tmp_path / "graph"), messages(tmp_path / "simulated")
