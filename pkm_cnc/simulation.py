@@ -55,9 +55,9 @@ class Cycle(NamedTuple):
     """Everything of one servo cycle; axes in the machine's order.
 
     `operator` are the operator's commands that take effect in this cycle, `state` is STATE_* with its setpoint,
-    `events` what the program asks for in it. `entered` are the segments that the setpoint reaches in this
-    cycle, `summaries` of those that the tool has left; `next_states` are the axes at cycle + 1, `corrections` None without
-    a controller at the TCP.
+    `events` what the program asks for in it. `entered` are the segments that the setpoint reaches in this cycle,
+    `summaries` of those that the tool has left; `next_states` are the axes at cycle + 1, `corrections` None without a
+    controller at the TCP.
     """
 
     cycle: int
@@ -153,7 +153,7 @@ class _Panel:
         return self._interpolator.finished
 
     def steps(self, in_position: bool, most: int) -> tuple[list[_Step], MachineFault | None]:
-        """The next cycles up to one that depends on what the machine does in the last of them, and a fault after them."""
+        """The next cycles, up to one whose setpoint depends on what the machine does before it; a fault after them."""
         interpolator = self._interpolator
         steps: list[_Step] = []
         try:
@@ -289,7 +289,9 @@ def simulate(
     commands: Iterable[tuple[int, Command]] = (),
     attended: bool = False,
 ) -> int:
-    """Run `program` as checked as `simulated_cycles` does, write it to `sink`, show every cycle to `watch`; return how many there were.
+    """Run a checked program, write it to `sink`, show every cycle to `watch`; return how many there were.
+
+    `commands` and `attended` are as for `simulated_cycles`.
 
     Raises MachineFault; the sink then holds the cycles before the fault and the reason of the end.
     """
