@@ -142,11 +142,12 @@ class _Check:
         portions = [_points(shape, range(steps + 1), steps) for _, shape in shapes for steps in (_steps(shape),)]
         try:
             self._check(shapes[0][0], [point for portion in portions for point in portion])
-        except InputError:  # now one by one, for the message: it names line and worst place of the first that fails
-            for (line, _), portion in zip(shapes, portions, strict=True):
-                self._check(line, [portion[0], portion[-1]])
-                self._check(line, portion)
-            raise
+            return
+        except InputError:
+            pass
+        for (line, _), portion in zip(shapes, portions, strict=True):  # for the message: the first shape that fails
+            self._check(line, [portion[0], portion[-1]])
+            self._check(line, portion)
 
     def _check(self, line: int, points: list[Vector]) -> None:
         table = np.array(points)

@@ -55,8 +55,8 @@ STATUS_NORMAL, STATUS_TRAVEL_END = 0, 1
 CMD_START, CMD_HOLD, CMD_RESUME, CMD_ABORT, CMD_RESET, CMD_SINGLE_BLOCK, CMD_FEED_OVERRIDE, CMD_RAPID_OVERRIDE = range(
     8
 )
-"""What an operator commands: begin the program | stop on the path | go on | stop on the path and give the program up | be
-ready after that | stop after each block (1) or not (0) | scale the feeds | scale the rapids (both by 0 to 2)."""
+"""What an operator commands: begin the program | stop on the path | go on | stop on the path and give the program up |
+be ready after that | stop after each block (1) or not (0) | scale the feeds | scale the rapids (both by 0 to 2)."""
 
 (
     STATE_READY,
@@ -68,8 +68,8 @@ ready after that | stop after each block (1) or not (0) | scale the feeds | scal
     STATE_ABORTED,
     STATE_FINISHED,
 ) = range(8)
-"""Waits for start | runs the program | stops for a hold | rests until resume | rests at M0 or M1 until resume | stops for
-an abort | rests until reset | the program's last setpoint is out."""
+"""Waits for start | runs the program | stops for a hold | rests until resume | rests at M0 or M1 until resume | stops
+for an abort | rests until reset | the program's last setpoint is out."""
 
 
 class Command(NamedTuple):

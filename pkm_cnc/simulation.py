@@ -160,7 +160,7 @@ class _Panel:
         return self._interpolator.finished
 
     def steps(self, in_position: bool, most: int) -> tuple[list[_Step], MachineFault | None]:
-        """The next cycles up to one that depends on what the machine does in the last, and a fault after them."""
+        """The next cycles, up to one whose setpoint depends on what the machine does before it; a fault after them."""
         interpolator = self._interpolator
         steps: list[_Step] = []
         try:

@@ -113,13 +113,14 @@ def test_the_path_is_taken_as_it_is_needed(motion: MotionParameters, drives: Dri
                 yield line(ends[0], ends[1], feed=0.05, mode=PathMode("G64", 1e-5))
 
     ahead = pieces(endless(), motion, smooth=motion.jerk > 0.0)
-    move = Planner(motion, drives, PERIOD).move(next(ahead), ahead)
+    planner = Planner(motion, drives, PERIOD)
     found: list[int] = []
-    sent = 0
     while len(found) < 3000:
-        setpoints = move.portion(sent, Demand(1.0, False)).setpoints
-        sent = len(setpoints)
-        found += [taken - setpoint.segment for setpoint in setpoints]
+        move, sent, ends = planner.move(next(ahead), ahead), 0, False
+        while not ends:
+            setpoints, _, ends, *_ = move.portion(sent, Demand(1.0, False))
+            sent = len(setpoints)
+            found += [taken - setpoint.segment for setpoint in setpoints]
     assert max(found) < 400
 
 

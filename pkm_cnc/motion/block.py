@@ -116,7 +116,7 @@ class Block:
         )
 
     def excess(self, setpoints: list[TcpSetpoint]) -> list[float]:
-        """By what factor the time of each of the next setpoints must be stretched to keep all limits; 1 or less: kept."""
+        """By what factor each of the next setpoints is too fast for the limits: see `slow_downs`."""
         settings, scales = self._settings, np.full(BEFORE + len(setpoints), self.scale)
         scales[: BEFORE + max(self._ceiling_end - self._cycle, 0)] = self._ceiling
         found = slow_downs([*self.sent, *setpoints], settings.motion, settings.drives, settings.period, scales)
@@ -179,7 +179,7 @@ class Block:
         With a limit of jerk for two cycles, so that the jerk of stopping is over before the next motion begins.
         """
         samples = []
-        cycle, taps = self._cycle, self._settings.taps
+        cycle = self._cycle
         while (t := cycle * self._settings.period - self._time) < profile.duration:
             index, s, v, a = profile.at(max(t, 0.0))
             planned = self.cells[index]

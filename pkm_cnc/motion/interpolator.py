@@ -199,7 +199,7 @@ class Interpolator:
             self._events.append(event)
 
     def take_segments(self) -> list[Segment]:
-        """The segments that the TCP has come to since the last call, to be announced before the setpoint just answered."""
+        """The segments come to since the last call, to be announced before the setpoint just answered."""
         taken, self._segments = self._segments, []
         return taken
 

@@ -69,7 +69,8 @@ def cells_of(
 ) -> tuple[list[PlannedCell], PieceEnd]:
     """The cells of successive pieces, and what the next call needs as `before`; None where the TCP starts from rest.
 
-    `scale` > 0 is the override: the feeds are multiplied by it, nothing else is. `period` is the servo period, s. Raises UnreachableError for a place that the machine does not reach.
+    `scale` > 0 is the override: the feeds are multiplied by it, nothing else is. `period` is the servo period, s.
+    Raises UnreachableError for a place that the machine does not reach.
     """
     counts = [_count(piece) for piece in group]
     samples = _samples(group, counts, drives)

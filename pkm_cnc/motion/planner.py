@@ -288,7 +288,7 @@ def _stopping(now: Block) -> _Course | None:
 
 
 def _braking_to(now: Block, block: Block, strength: float) -> list[Sample]:
-    """As few cycles of braking as `block` needs to be entered, the last one no stronger than needed; empty: it cannot."""
+    """As few cycles of braking as entering `block` needs, the last one no stronger than needed; empty: it cannot."""
     samples = now.braking(strength)
 
     def enough(count: int) -> bool:

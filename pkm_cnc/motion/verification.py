@@ -30,7 +30,8 @@ def slow_downs(
 
     Stretched by f, speeds fall by f, accelerations by f^2 and jerks by f^3. 1 or less: kept. Speed and acceleration of
     a drive are those of the setpoint, and what the speed changes by from cycle to cycle; a jerk is what the latter
-    changes by, also of the TCP, as a vector. `scales` are the overrides of the feed, of each setpoint or of all. Raises UnreachableError for a place outside the workspace.
+    changes by, also of the TCP, as a vector. `scales` are the overrides of the feed, of each setpoint (k,) or of all.
+    Raises UnreachableError for a place outside the workspace.
     """
     table = np.array([setpoint[:9] for setpoint in setpoints])
     feeds = np.array([setpoint.feed for setpoint in setpoints]) * scales
