@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 HIDDEN = 10
 """Neurons of the hidden layer: what 300 vectors of three parameters can still determine."""
-ITERATIONS = 2000
+ITERATIONS = 500
 """Longest training, iterations of L-BFGS."""
 TOLERANCE = 1e-9
 """1. Training ends when an iteration gains less, of a loss in units of the outputs' variance."""
