@@ -15,7 +15,7 @@ from pkm_cnc.identification.measurements import (
 )
 from pkm_cnc.identification.network_calibration import NetworkCalibration, calibrate_by_networks
 from pkm_cnc.identification.networks import Network, train
-from pkm_cnc.identification.positioning import Positioning, positioning
+from pkm_cnc.identification.positioning import Positioning, by_approach, positioning
 
 __all__ = [
     "Bench",
@@ -29,6 +29,7 @@ __all__ = [
     "PositioningTest",
     "Positions",
     "Unknown",
+    "by_approach",
     "calibrate",
     "calibrate_by_networks",
     "calibrated_setup",

@@ -24,7 +24,7 @@ from scipy import linalg, optimize, stats
 from threadpoolctl import threadpool_limits
 
 from pkm_cnc.errors import InputError, UnreachableError
-from pkm_cnc.identification.measurements import Measurements
+from pkm_cnc.identification.measurements import UNKNOWNS, Measurements
 from pkm_cnc.kinematics import Machine
 from pkm_cnc.parameters import parameters_of
 
@@ -44,17 +44,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-UNKNOWNS = (
-    "inclination",
-    "tcp_offset",
-    "slider_offset",
-    "strut_length_error",
-    "base_offset",
-    "base_radius_error",
-    "azimuth_error",
-    "base_height",
-)
-"""Parameters of a geometry that a calibration looks for, where the machine has them."""
 TOLERANCE = {"m": 1e-3, "rad": 1e-3}
 """By which a machine is off as assembled: the scale of an unknown, m, rad."""
 STEP = 0.1

@@ -2,7 +2,8 @@
 
 A CSV file has a header line; every column says its unit: `u1_mm` and `x_mm`, also in um or m. Positions need a column
 for every drive and every coordinate of the machine, a ball-bar circle a column for every drive on the circle, `u1_mm`,
-with the ball bar's centre, `center_u1_mm`, and `radius_mm`.
+with the ball bar's centre, `center_u1_mm`, and `radius_mm`. Positions on a machine of one coordinate may have the
+target positions of a positioning test, `target_x_mm`, its rows in the order of measuring.
 """
 
 from __future__ import annotations
@@ -17,13 +18,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pkm_cnc.bag import Run
+from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
+from pkm_cnc.evaluation import setup_of
 from pkm_cnc.kinematics import Machine
 
-__all__ = ["Circle", "Measurements", "Positions", "positions_of_run", "read_measurements"]
+__all__ = ["UNKNOWNS", "Circle", "Measurements", "Positions", "positions_of_run", "read_measurements"]
 
 Array = NDArray[np.float64]
 
+UNKNOWNS = (
+    "inclination",
+    "tcp_offset",
+    "slider_offset",
+    "strut_length_error",
+    "base_offset",
+    "base_radius_error",
+    "azimuth_error",
+    "base_height",
+)
+"""Parameters of a geometry that a calibration looks for, where the machine has them: what no drawing says."""
 UNITS = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 BAG_ROWS = 500
 """Cycles taken from a bag, evenly spread: neighbouring cycles say the same."""
@@ -53,6 +67,8 @@ class Positions:
 
     joints: Array
     tcp: Array
+    targets: Array | None = None
+    """(n,) m, of a positioning test of one coordinate."""
 
     @property
     def observed(self) -> Array:
@@ -126,16 +142,18 @@ def read_measurements(path: str, machine: Machine) -> Positions | Circle:
         raise InputError(f"measurements {path}: not a CSV file: {error}") from None
     circle = [*machine.axes, *(f"center_{axis}" for axis in machine.axes), "radius"]
     positions = [*machine.axes, *machine.coordinates]
-    wanted = circle if "radius" in table else positions
+    targets = [f"target_{name}" for name in machine.coordinates if len(machine.coordinates) == 1]
+    wanted = circle if "radius" in table else positions + [name for name in targets if name in table]
     if sorted(wanted) != sorted(table):
         raise InputError(
             f"measurements {path}:1: columns {_listed(table)}; wanted are, each with its unit, {_listed(positions)} "
             f"or, of a ball-bar circle, {_listed(circle)}"
         )
     joints = np.stack([table[axis] for axis in machine.axes], axis=1)
-    if wanted is positions:
-        return Positions(joints, np.stack([table[name] for name in machine.coordinates], axis=1))
-    return Circle(joints, np.stack([table[f"center_{axis}"] for axis in machine.axes], axis=1), table["radius"])
+    if wanted is circle:
+        return Circle(joints, np.stack([table[f"center_{axis}"] for axis in machine.axes], axis=1), table["radius"])
+    tcp = np.stack([table[name] for name in machine.coordinates], axis=1)
+    return Positions(joints, tcp, next((table[name] for name in targets if name in table), None))
 
 
 def _listed(names: Sequence[str] | dict[str, Array]) -> str:
@@ -184,9 +202,13 @@ def _row(where: str, row: Sequence[str], header: Sequence[str]) -> list[float]:
     return values
 
 
-def positions_of_run(run: Run, machine: Machine) -> Positions:
-    """Drive scales and true TCP of a recorded run, at most `BAG_ROWS` of its cycles. Raises InputError."""
-    cycles = run.cycles()
+def positions_of_run(run: Run, setup: Setup) -> Positions:
+    """Drive scales and true TCP of a recorded run of the machine `setup`, at most `BAG_ROWS` of its cycles.
+
+    Raises InputError for a run of another machine: other kinematics, or a drawing with other dimensions.
+    """
+    _check_same(run, setup)
+    machine, cycles = setup.kinematics, run.cycles()
     if not cycles:
         raise InputError(f"bag {run.folder}: it holds no cycle")
     rows = np.unique(np.linspace(0, cycles - 1, BAG_ROWS).astype(int))
@@ -195,3 +217,17 @@ def positions_of_run(run: Run, machine: Machine) -> Positions:
     if not (np.isfinite(joints).all() and np.isfinite(tcp).all()):
         raise InputError(f"bag {run.folder}: a position is no finite number")
     return Positions(joints, tcp)
+
+
+def _check_same(run: Run, setup: Setup) -> None:
+    """What a calibration looks for may differ: a bag from before the last calibration is as good as any."""
+    recorded = setup_of(run)
+    if recorded.machine_name != setup.machine_name:
+        raise InputError(
+            f"bag {run.folder}: recorded on a {recorded.machine_name}, the machine is a {setup.machine_name}"
+        )
+    for key, (value, _) in setup.parameters.items():
+        section, _, name = key.rpartition(".")
+        there = recorded.parameters[key][0] if key in recorded.parameters else None
+        if section == "geometry" and name not in UNKNOWNS and there != value:
+            raise InputError(f"bag {run.folder}: recorded on another machine: {key} is {there} there, {value} here")

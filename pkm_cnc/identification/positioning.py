@@ -16,8 +16,8 @@ A perfect calibration leaves P = U + 6 s, if both are the same everywhere: its f
 
 ISO 230-2 counts two standard deviations instead of three, for each direction by itself:
 
-    accuracy               A   = max [x_up_j + 2 s_up_j, x_down_j + 2 s_down_j] - min [x_up_j - 2 s_up_j, x_down_j - ...]
-    systematic deviation   E   = max [x_up_j, x_down_j] - min [x_up_j, x_down_j]
+    accuracy               A   = max_j,d [x_d_j + 2 s_d_j] - min_j,d [x_d_j - 2 s_d_j],   d = up, down
+    systematic deviation   E   = max_j,d x_d_j - min_j,d x_d_j
     mean deviation         M   = max_j x_j - min_j x_j
     repeatability          R   = max_j max [2 s_up_j + 2 s_down_j + U_j, 4 s_up_j, 4 s_down_j]
     reversal error         B   = max_j U_j.
@@ -31,11 +31,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc.errors import InputError
 
-__all__ = ["Positioning", "positioning"]
+__all__ = ["Positioning", "by_approach", "positioning"]
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,27 @@ class Positioning:
     """R."""
     largest_reversal: float
     """B."""
+
+
+def by_approach(targets: Array, deviations: Array) -> Array:
+    """Deviations (positions, 2, n) from rows in the order of measuring: `targets` (rows,), m, `deviations` (rows,), m.
+
+    A target is approached from where the row before was; after the same target from the other side, because the test
+    cycle of both standards overruns its ends and comes back. The first row is approached as the second. Raises
+    InputError unless every target is approached as often from each side.
+    """
+    ways = np.sign(np.diff(targets))
+    ways = np.concatenate((ways[:1], ways))
+    for row in range(1, len(ways)):
+        ways[row] = ways[row] or -ways[row - 1]
+    groups = [deviations[(targets == target) & (ways == way)] for target in np.unique(targets) for way in (1.0, -1.0)]
+    counts = sorted({len(group) for group in groups})
+    if len(counts) != 1:
+        raise InputError(
+            f"positioning test: a target is approached from one side {counts[0]} times, another {counts[-1]} times: "
+            "every target must be approached as often from below as from above"
+        )
+    return np.stack(groups).reshape(-1, 2, counts[0])
 
 
 def positioning(deviations: ArrayLike) -> Positioning:
