@@ -211,9 +211,12 @@ def positions_of_run(run: Run, setup: Setup) -> Positions:
     machine, cycles = setup.kinematics, run.cycles()
     if not cycles:
         raise InputError(f"bag {run.folder}: it holds no cycle")
+    missing = {"tcp/state", *(f"{axis}/actual" for axis in machine.axes)} - set(run.servo)
+    if missing:
+        raise InputError(f"bag {run.folder}: it holds no {', '.join(sorted(missing))}")
     rows = np.unique(np.linspace(0, cycles - 1, BAG_ROWS).astype(int))
     joints = np.stack([run.servo[f"{axis}/actual"]["position"][rows] for axis in machine.axes], axis=1)
-    tcp = np.stack([run.servo["tcp/state"][name][rows] for name in machine.coordinates], axis=1)
+    tcp = np.stack([run.servo["tcp/state"][f"position.{name}"][rows] for name in machine.coordinates], axis=1)
     if not (np.isfinite(joints).all() and np.isfinite(tcp).all()):
         raise InputError(f"bag {run.folder}: a position is no finite number")
     return Positions(joints, tcp)

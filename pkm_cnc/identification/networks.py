@@ -35,9 +35,9 @@ TOLERANCE = 1e-9
 """1. Training ends when an iteration gains less, of a loss in units of the outputs' variance."""
 ROUNDING = 1e-7
 """1. Principal components below this share of the largest are rounding."""
-NOISE = 1.5
-"""1. Principal components below this many standard deviations of the noise are noise: of 300 vectors of 17 inputs, the
-largest component of noise alone is 1 + sqrt(17/300) of them."""
+NOISE = 1.1
+"""1. Principal components below this many times the largest that noise alone would show are noise. Of n vectors of p
+inputs that is 1 + sqrt(p/n) standard deviations of the noise (Marchenko, Pastur 1967)."""
 FOREIGN = 3.0
 """1. How much further than any training vector an input may be from the space of the components."""
 
@@ -194,7 +194,8 @@ def _components(centered: Array, noise: float) -> Array:
     """Principal components (p, k) of vectors (n, p), scaled to unit variance: those above noise and rounding."""
     _, singular, directions = np.linalg.svd(centered, full_matrices=False)
     deviations = singular / np.sqrt(len(centered))
-    kept = deviations > max(NOISE * noise, ROUNDING * deviations[0])
+    edge = noise * (1.0 + np.sqrt(centered.shape[1] / len(centered)))
+    kept = deviations > max(NOISE * edge, ROUNDING * deviations[0])
     return np.ascontiguousarray((directions[kept] / deviations[kept, None]).T)
 
 
