@@ -48,7 +48,8 @@ def test_a_bag_tells_what_the_machine_truly_is_and_the_file_runs(tmp_path):
     assert comments[0] == "# Calibrated by least-squares from bag."
     assert any("geometry.inclination 0.002 +- " in line for line in comments)
     again = done("calibrate", "--machine", tmp_path / "out.yaml", "--bag", bag, "-o", tmp_path / "again.yaml")
-    assert "before   0.000" in again
+    before = next(line for line in again.splitlines() if line.startswith("before")).split()
+    assert max(map(float, before[1:])) < 1e-6
 
 
 def test_networks_and_a_report(tmp_path):
@@ -114,7 +115,7 @@ BAD = {
     "u_mm,x_mm\n1,2\n1,a\n": "m.csv:3: x_mm: 'a' is not a number",
     "u_mm,x_mm\n1\n": "m.csv:2: 1 values, 2 expected",
     "u_mm,x_mm\n": "m.csv: no rows",
-    "": "m.csv:1: columns (none)",
+    "": "m.csv: no rows",
     "u_mm,x_mm\n500,300\n500,400\n500,500\n500,510\n": "u constant in all 4 rows",
     "u_mm,x_mm\n500,300\n501,302\n502,304\n503,304\n": "x moves by 4 mm, at least 10 mm are needed",
     "u_mm,x_mm\n900,300\n901,400\n902,304\n903,304\n": "the measurements do not fit the machine",
@@ -144,7 +145,7 @@ def test_a_bag_of_another_machine_is_refused(tmp_path):
 def test_a_bag_with_too_little_motion_says_which_is_missing(tmp_path):
     bag = recorded(tmp_path, "tripod", program="G1 Y0 F3000\nX40\nM2\n")
     line = refused("calibrate", "--machine", "tripod", "--bag", bag, "-o", tmp_path / "out.yaml")
-    assert "too little motion: y moves by 0 mm" in line
+    assert "too little motion: y moves by 0.00" in line
 
 
 def test_arguments(tmp_path):
