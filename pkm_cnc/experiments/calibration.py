@@ -72,7 +72,7 @@ def _run(lab: Lab, options: Options) -> Findings:
     truth = with_values(nominal, unknowns_of(nominal), values)
     bench = Bench(truth, options.reversal / UM, options.repeatability / UM)
     generator = np.random.default_rng(options.seed)
-    targets: Array = np.linspace(1e-3 * options.begin, 1e-3 * options.end, options.targets)
+    targets = np.asarray(np.linspace(1e-3 * options.begin, 1e-3 * options.end, options.targets), dtype=float)
 
     def test(controller: Machine) -> PositioningTest:
         return bench.test(controller, targets, options.runs, generator)
