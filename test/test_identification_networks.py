@@ -49,6 +49,13 @@ def test_a_saved_network_is_the_same_to_the_last_bit(network, tmp_path):
     assert loaded.outputs == ("a", "b")
 
 
+def test_a_damaged_network_is_refused(network, tmp_path):
+    network.save(tmp_path / "n.json")
+    (tmp_path / "n.json").write_text((tmp_path / "n.json").read_text().replace('"center": [', '"center": ["a", '))
+    with pytest.raises(InputError, match="damaged"):
+        Network.load(tmp_path / "n.json")
+
+
 @pytest.mark.parametrize(("content", "words"), [("{}", "not a network"), ("#", "not the JSON"), (None, "No such file")])
 def test_what_is_no_network_is_refused(tmp_path, content, words):
     if content is not None:

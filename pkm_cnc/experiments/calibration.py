@@ -77,31 +77,36 @@ def _run(lab: Lab, options: Options) -> Findings:
     def test(controller: Machine) -> PositioningTest:
         return bench.test(controller, targets, options.runs, generator)
 
-    before = test(nominal)
     lab.tell(0.1, "networks")
+    before = test(nominal)
     networks = calibrate_by_networks(
         nominal, before.positions, seed=options.seed, iterations=options.iterations, vectors=options.vectors
     )
     squares = calibrate(nominal, before.positions)
-    tests = {
-        "before": before,
-        "nn": test(networks.calibration.machine),
-        "least_squares": test(squares.machine),
-        "perfect": test(truth),
-    }
+    machines = {"nn": networks.calibration.machine, "least_squares": squares.machine, "perfect": truth}
+    tests = {"before": before, **{name: test(controller) for name, controller in machines.items()}}
     lab.tell(0.4, "repetitions")
     covered = _coverage(nominal, Bench(truth, 0.0, bench.noise), targets, options, generator, values)
     lab.tell(0.9, "grid and ball bar")
-    observable = _observable()
+    return _findings(tests, squares, networks, _estimates(squares, networks, values, covered), _observable())
+
+
+def _findings(
+    tests: dict[str, PositioningTest],
+    squares: Calibration,
+    networks: NetworkCalibration,
+    estimates: list[dict[str, Any]],
+    observable: list[dict[str, Any]],
+) -> Findings:
     judged = {name: positioning(one.deviations) for name, one in tests.items()}
     return Findings(
-        tables=_tables(judged, squares, networks, values, covered, observable),
-        figures=[_positioning_figure(tests), _convergence_figure(networks, before)],
+        tables=_tables(judged, networks, estimates, observable),
+        figures=[_positioning_figure(tests), _convergence_figure(networks, tests["before"])],
         data={
             "positioning_um": {
                 name: {key: UM * value for key, value in vars(one).items()} for name, one in judged.items()
             },
-            "estimates": _estimates(squares, networks, values, covered),
+            "estimates": estimates,
             "convergence_range_um": UM * np.ptp(networks.history, axis=1),
             "condition": squares.condition,
             "scatter_um": UM * squares.scatter,
@@ -185,21 +190,22 @@ def _circle(machine: Machine) -> Circle:
 
 def _tables(
     judged: dict[str, Positioning],
-    squares: Calibration,
     networks: NetworkCalibration,
-    values: Array,
-    covered: Array,
+    estimates: Sequence[dict[str, Any]],
     observable: Sequence[dict[str, Any]],
 ) -> list[Table]:
     columns = ("parameter", "unit", "true", "least_squares", "+- (95 %)", "held", "nn", "nn_spread")
-    estimates = [list(row.values()) for row in _estimates(squares, networks, values, covered)]
     telling = [
         [row["machine"], row["measurement"], f"{row['rank']} of {row['unknowns']}", row["condition"], _names(row)]
         for row in observable
     ]
     return [
         _with_thesis(positioning_table("Positioning before and after the calibration, table 4-1", judged)),
-        Table("What was estimated, and how often the interval holds the truth", columns, estimates),
+        Table(
+            "What was estimated, and how often the interval holds the truth",
+            columns,
+            [list(row.values()) for row in estimates],
+        ),
         convergence_table(networks),
         Table("What can be known", ("machine", "measurement", "rank", "condition", "left alone"), telling),
     ]

@@ -36,6 +36,7 @@ __all__ = [
     "condition_of",
     "covariance_of",
     "estimates_of",
+    "freedom_of",
     "sensitivity",
     "unknowns_of",
     "values_of",
@@ -173,15 +174,24 @@ def condition_of(derivative: Array) -> tuple[int, float]:
     return len(counting), float(counting[0] / counting[-1])
 
 
+def freedom_of(measured: int, observable: int) -> int:
+    """Degrees of freedom of so many measured values and observable parameters. Raises InputError if there are none."""
+    if measured <= observable:
+        raise InputError(
+            f"calibrate: {measured} measured values for {observable} observable parameters: measure more poses"
+        )
+    return measured - observable
+
+
 def calibrate(machine: Machine, measurements: Measurements) -> Calibration:
     """Estimate the geometry of `machine` by least squares from measurements, starting from its own.
 
     Raises InputError if the measurements are fewer than the unknowns, miss a motion, or fit no such machine.
     """
     unknowns = unknowns_of(machine)
-    measurements.check(machine)
     with threadpool_limits(1):  # the result shall not depend on their number
         try:
+            measurements.check(machine)
             return _calibrated(machine, unknowns, measurements)
         except UnreachableError as error:
             raise InputError(f"calibrate: the measurements do not fit the machine: {error}") from None
@@ -190,11 +200,7 @@ def calibrate(machine: Machine, measurements: Measurements) -> Calibration:
 def _calibrated(machine: Machine, unknowns: Sequence[Unknown], measurements: Measurements) -> Calibration:
     before, observed = values_of(machine, unknowns), measurements.observed
     kept, unmeasured = _observable(sensitivity(machine, unknowns, measurements, before))
-    freedom = len(observed) - len(kept)
-    if freedom < 1:
-        raise InputError(
-            f"calibrate: {len(observed)} measured values for {len(kept)} observable parameters: measure more poses"
-        )
+    freedom = freedom_of(len(observed), len(kept))
     chosen = [unknowns[place] for place in kept]
     values = before.copy()
     values[kept] = _fitted(machine, chosen, measurements, before[kept])

@@ -23,7 +23,7 @@ def calibrated_setup(setup: Setup, calibration: Calibration) -> Setup:
     """The machine whose controller knows the estimated geometry."""
     values: dict[str, Value] = {key: value for key, (value, _) in setup.parameters.items()}
     names = {estimate.unknown.name for estimate in calibration.estimates}
-    if any(key.startswith("actual.") for key in values):
+    if setup.actual is not setup.machine:
         values = {**{f"actual.geometry.{name}": values[f"geometry.{name}"] for name in names}, **values}
     geometry = calibration.machine.geometry  # type: ignore[attr-defined]
     for spec in parameters_of(type(geometry)):

@@ -27,6 +27,7 @@ from pkm_cnc.identification.calibration import (
     condition_of,
     covariance_of,
     estimates_of,
+    freedom_of,
     sensitivity,
     unknowns_of,
     values_of,
@@ -83,14 +84,14 @@ def calibrate_by_networks(
     off than the band of training.
     """
     unknowns = unknowns_of(machine)
-    measurements.check(machine)
     generator = np.random.default_rng(seed)
     with threadpool_limits(1):
-        _require_observable(machine, unknowns, measurements)
         try:
+            measurements.check(machine)
+            _require_observable(machine, unknowns, measurements)
             return _calibrated(machine, unknowns, measurements, generator, iterations, vectors)
         except UnreachableError as error:
-            raise InputError(f"calibrate: a geometry within the band of training: {error}") from None
+            raise InputError(f"calibrate: the measurements do not fit the machine: {error}") from None
 
 
 def _require_observable(machine: Machine, unknowns: Sequence[Unknown], measurements: Measurements) -> None:
@@ -100,6 +101,7 @@ def _require_observable(machine: Machine, unknowns: Sequence[Unknown], measureme
             f"calibrate: these measurements tell {rank} of {len(unknowns)} unknowns: no network can learn the others; "
             "method least-squares names them"
         )
+    freedom_of(len(measurements.observed), rank)
 
 
 def _calibrated(
@@ -130,7 +132,7 @@ def _calibrated(
     result = Calibration(
         method="nn",
         machine=with_values(machine, unknowns, values),
-        estimates=estimates_of(unknowns, before, values, covariance, len(observed) - len(unknowns)),
+        estimates=estimates_of(unknowns, before, values, covariance, freedom_of(len(observed), rank)),
         before=history[0],
         after=history[-1],
         rank=rank,
@@ -173,7 +175,7 @@ def _scatter(machine: Machine, unknowns: Sequence[Unknown], measurements: Measur
     deviation = measurements.observed - measurements.predicted(with_values(machine, unknowns, values))
     axes, _ = np.linalg.qr(sensitivity(machine, unknowns, measurements, values))
     left = deviation - axes @ (axes.T @ deviation)
-    return float(np.sqrt(np.square(left).sum() / max(len(left) - len(unknowns), 1)))
+    return float(np.sqrt(np.square(left).sum() / freedom_of(len(left), len(unknowns))))
 
 
 def _spread(networks: Sequence[Network], inputs: int, scatter: float, generator: np.random.Generator) -> Array:

@@ -128,9 +128,12 @@ class Network:
         names = {field.name for field in dataclasses.fields(cls)}
         if not isinstance(content, dict) or set(content) != names:
             raise InputError(f"network {path}: not a network; its keys must be {', '.join(sorted(names))}")
-        arrays = names - {"name", "outputs", "trained_on", "off"}
-        content |= {key: np.array(content[key], dtype=float) for key in arrays}
-        return cls(**{**content, "outputs": tuple(content["outputs"])})
+        try:
+            arrays = names - {"name", "outputs", "trained_on", "off"}
+            content |= {key: np.array(content[key], dtype=float) for key in arrays}
+            return cls(**{**content, "outputs": tuple(content["outputs"]), "off": float(content["off"])})
+        except (TypeError, ValueError):
+            raise InputError(f"network {path}: damaged: a weight is no number") from None
 
 
 def train(
