@@ -17,7 +17,7 @@ def run(machine: str = "monopod", **options):
 
 @pytest.fixture(scope="module")
 def findings():
-    return run(repetitions=100)
+    return run(repetitions=20)
 
 
 def test_a_calibration_leaves_what_the_bench_scatters(findings):
@@ -35,7 +35,7 @@ def test_a_calibration_leaves_what_the_bench_scatters(findings):
 
 def test_the_intervals_hold_the_truth_as_often_as_they_say(findings):
     for row in findings.data["estimates"]:
-        assert 0.89 <= row["held"] <= 1.0
+        assert row["held"] >= 0.75  # 20 repetitions: 200 are in the test of the calibration itself
         assert abs(row["least_squares"] - row["true"]) <= row["half_interval_95"]
         assert 0.0 < row["nn_spread"] < row["half_interval_95"]
 
