@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from command_line import done, refused
+from running import environment
 
 ACTUAL = ("--set", "actual.geometry.inclination=0.002", "--set", "actual.geometry.tcp_offset=0.0005")
 PROGRAM = "G0 X300\nG1 X500 F30000\nX300\nM2\n"
@@ -146,6 +149,14 @@ def test_a_bag_with_too_little_motion_says_which_is_missing(tmp_path):
     bag = recorded(tmp_path, "tripod", program="G1 Y0 F3000\nX40\nM2\n")
     line = refused("calibrate", "--machine", "tripod", "--bag", bag, "-o", tmp_path / "out.yaml")
     assert "too little motion: y moves by 0.00" in line
+
+
+def test_no_other_command_waits_for_the_networks():
+    code = (
+        "import sys, pkm_cnc.cli.command; print([name for name in ('sklearn', 'scipy.stats') if name in sys.modules])"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], env=environment(), capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "[]"
 
 
 def test_arguments(tmp_path):
