@@ -14,6 +14,8 @@ import yaml
 from command_line import done, refused
 from running import environment
 
+from pkm_cnc.identification import Network
+
 ACTUAL = ("--set", "actual.geometry.inclination=0.002", "--set", "actual.geometry.tcp_offset=0.0005")
 PROGRAM = "G0 X300\nG1 X500 F30000\nX300\nM2\n"
 
@@ -65,6 +67,9 @@ def test_networks_and_a_report(tmp_path):
     assert data["method"] == "nn"
     assert data["rank"] == 3
     assert (tmp_path / "report" / "deviation.svg").is_file()
+    networks = [Network.load(tmp_path / "report" / f"network-{number}.json") for number in (1, 2, 3)]
+    assert [network.name.rpartition(".")[2] for network in networks] == ["inclination", "tcp_offset", "slider_offset"]
+    assert networks[0].trained_on["geometry.inclination_rad"] == "-0.003 to 0.003"
     first = (tmp_path / "out.yaml").read_text()
     done(*words, "-o", tmp_path / "out.yaml")
     assert (tmp_path / "out.yaml").read_text() == first

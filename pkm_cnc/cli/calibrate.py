@@ -26,7 +26,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--method", choices=METHODS, default=METHODS[0], help=f"({METHODS[0]})")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the networks' training (0)")
     parser.add_argument("-o", dest="output", required=True, metavar="OUT.yaml", help="the calibrated machine file")
-    parser.add_argument("--report", metavar="DIR", help="write a page, its pictures and data.json to DIR")
+    parser.add_argument("--report", metavar="DIR", help="write a page, its pictures, data.json and the networks to DIR")
     parser.set_defaults(action=_calibrate)
 
 

@@ -59,6 +59,8 @@ def run(arguments: argparse.Namespace) -> None:
     print("\n\n".join(map(text_table, tables)))
     print(f"machine {arguments.output}")
     if arguments.report:
+        for number, network in enumerate(outcome.networks.networks if outcome.networks else (), 1):
+            network.save(Path(arguments.report) / f"network-{number}.json")
         print(f"report {write_page(Path(arguments.report), _page(setup, outcome, tables, arguments.command))[-1]}")
 
 
