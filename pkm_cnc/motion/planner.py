@@ -43,7 +43,7 @@ TRANSITION_ROUNDS = 12
 """Rounds of slowing down when a change is tried: what they do not heal lies in what is sent already."""
 REFINEMENTS = 20
 """Halvings of the last cycle's braking, so that it ends at the new feed: to a millionth of a cycle's."""
-ENTRIES = 8
+ENTRIES = 4
 """How often braking is made stronger because what follows had to be slowed down."""
 
 
