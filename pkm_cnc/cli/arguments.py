@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 from pathlib import Path
 
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.errors import InputError
-from pkm_cnc.program import Program, Toolpath
 from pkm_cnc.report import write_whole
 
-__all__ = ["add_bag", "add_machine", "add_program", "make_folder", "print_bag", "setup_of", "tell_events", "write_text"]
+__all__ = ["add_bag", "add_machine", "add_program", "make_folder", "print_bag", "setup_of", "write_text"]
 
 
 def add_machine(parser: argparse.ArgumentParser, default: str | None = None) -> None:
@@ -52,18 +50,6 @@ def print_bag(bag: str, machine: float, wall: float) -> None:
 def setup_of(arguments: argparse.Namespace) -> Setup:
     """The machine that --machine and --set name. Raises InputError."""
     return load_setup(arguments.machine, arguments.set)
-
-
-def tell_events(program: Program, toolpath: Toolpath) -> None:
-    """Say on stderr what a program asks for besides motion and its end, because no run acts on it."""
-    ignored = [event for event in toolpath.events if event.kind != "program_end"]
-    if ignored:
-        line, what = ignored[0].line, ignored[0].kind.replace("_", " ")
-        others = f" (and {len(ignored) - 1} more)" if len(ignored) > 1 else ""
-        print(
-            f"pkm_cnc: {program.name}:{line}: {what}{others}: not acted on, the motion alone is run; check lists them",
-            file=sys.stderr,
-        )
 
 
 def make_folder(folder: Path) -> None:

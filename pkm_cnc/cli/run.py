@@ -9,7 +9,7 @@ from typing import Any
 from pkm_cnc.bag import refuse_existing
 from pkm_cnc.bringup import prepare_environment, run_in_one_process, run_in_processes
 from pkm_cnc.check import prepare
-from pkm_cnc.cli.arguments import add_bag, add_program, print_bag, setup_of, tell_events
+from pkm_cnc.cli.arguments import add_bag, add_program, print_bag, setup_of
 from pkm_cnc.cli.progress import live_line
 from pkm_cnc.program import read_program
 
@@ -39,8 +39,7 @@ def add_parser(subparsers: Any) -> None:
 def _run(arguments: argparse.Namespace) -> None:
     setup = setup_of(arguments)
     program = read_program(arguments.program)
-    toolpath = prepare(setup, program)
-    tell_events(program, toolpath)
+    prepare(setup, program)
     refuse_existing(arguments.bag)
     prepare_environment()
     run_graph = run_in_one_process if arguments.processes == "one" else run_in_processes

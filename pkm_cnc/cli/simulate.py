@@ -9,7 +9,7 @@ from typing import Any
 
 from pkm_cnc.bag import BagWriter
 from pkm_cnc.check import prepare
-from pkm_cnc.cli.arguments import add_bag, add_program, print_bag, setup_of, tell_events
+from pkm_cnc.cli.arguments import add_bag, add_program, print_bag, setup_of
 from pkm_cnc.cli.progress import live_line
 from pkm_cnc.program import read_program
 from pkm_cnc.simulation import simulate
@@ -29,13 +29,12 @@ def add_parser(subparsers: Any) -> None:
 def _simulate(arguments: argparse.Namespace) -> None:
     setup = setup_of(arguments)
     program = read_program(arguments.program)
-    toolpath = prepare(setup, program)
-    tell_events(program, toolpath)
+    checked = prepare(setup, program)
     gc.freeze()  # what is there by now stays: without looking at it the garbage collector costs a fifth less
     started = time.monotonic()
     with (
         live_line("simulate", setup.servo_period) as show,
         BagWriter(arguments.bag, recorded_topics(tuple(setup.axes), setup.tcp_control.active)) as bag,
     ):
-        count = simulate(setup, program, toolpath, bag, lambda cycle: show(cycle.cycle))
+        count = simulate(setup, program, checked, bag, lambda cycle: show(cycle.cycle))
     print_bag(arguments.bag, count * setup.servo_period, time.monotonic() - started)

@@ -11,7 +11,6 @@ from pkm_cnc import run_messages
 from pkm_cnc.check import prepare
 from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.messages import message, serialize, stamp
-from pkm_cnc.motion import Interpolator
 from pkm_cnc.nodes.graph_node import GraphNode
 from pkm_cnc.nodes.runner import run_node
 from pkm_cnc.nodes.watchdog import Report
@@ -39,12 +38,8 @@ class InterpolatorNode(GraphNode):
         if self._pacing not in PACINGS:
             raise InputError(f"parameter pacing: {self._pacing!r} is not one of {', '.join(PACINGS)}")
         self._program = read_program(self.run["program"])
-        self._toolpath = prepare(self.setup, self._program)
-        self._interpolator = Interpolator(
-            self._toolpath, self.setup.motion, self.setup.servo_period, self.setup.drive_limits
-        )
+        self._interpolator = prepare(self.setup, self._program).interpolator()
         self._cycle = 0
-        self._announced = 0
         self._in_position = True
         self._progress = {MONITOR_PROGRESS: -1, RECORDER_PROGRESS: -1}
         self._outdated = 0
@@ -79,11 +74,9 @@ class InterpolatorNode(GraphNode):
         while self.running and not self._interpolator.finished and self._may_release():
             setpoint = self._interpolator.step(self._in_position)
             stamp_ns = self._cycle * self.setup.servo_period_ns
-            while self._announced <= setpoint.segment:
-                element, start = self._toolpath.elements[self._announced], self._toolpath.starts[self._announced]
-                data = run_messages.segment(self._announced, element, start, stamp_ns)
-                self.send("toolpath/segment", self._cycle, data)
-                self._announced += 1
+            for index, element, start in self._interpolator.take_segments():
+                self.send("toolpath/segment", self._cycle, run_messages.segment(index, element, start, stamp_ns))
+            self._interpolator.take_events()
             self.publish("tcp/setpoint", self._cycle, setpoint)
             if self._cycle % self._clock_cycles == 0:
                 self._clock_publisher.publish(serialize(message("rosgraph_msgs/msg/Clock", clock=stamp(stamp_ns))))

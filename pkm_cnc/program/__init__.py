@@ -11,7 +11,19 @@ from pkm_cnc.program.interpreter import (
     read_elements,
     read_motions,
 )
-from pkm_cnc.program.toolpath import EXACT_PATH, Arc, Element, Event, Line, PathMode, Plane, Toolpath
+from pkm_cnc.program.source import ProgramSource, approach
+from pkm_cnc.program.toolpath import (
+    EXACT_PATH,
+    Arc,
+    Element,
+    Event,
+    EventKind,
+    Line,
+    PathMode,
+    Plane,
+    Toolpath,
+    Totals,
+)
 
 __all__ = [
     "EXACT_PATH",
@@ -20,6 +32,7 @@ __all__ = [
     "ArcFeed",
     "Element",
     "Event",
+    "EventKind",
     "Line",
     "Motion",
     "PathMode",
@@ -27,7 +40,10 @@ __all__ = [
     "Program",
     "ProgramError",
     "ProgramParameters",
+    "ProgramSource",
     "Toolpath",
+    "Totals",
+    "approach",
     "canonical_events",
     "canonical_motion",
     "interpret",

@@ -56,6 +56,9 @@ class ProgramParameters:
         (0.0, 0.0, 0.0), "where G30 goes: TCP in base_link", unit="m", minimum=-100.0, maximum=100.0
     )
     block_delete: bool = parameter(True, "skip the blocks that begin with a slash; otherwise they are run")
+    optional_stop: bool = parameter(
+        False, "stop at M1 and wait for the operator, as at M0, where there is one; otherwise M1 is passed"
+    )
     block_limit: int = parameter(
         1_000_000,
         "by how many lines a program may run more than it has, in loops and subroutines, before it is taken to run for "

@@ -8,6 +8,7 @@ length is s = t sqrt(r^2 + h^2).
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -16,7 +17,7 @@ from typing import Literal, NamedTuple
 from pkm_cnc.records import Vector
 from pkm_cnc.tolerances import ZERO_LENGTH
 
-__all__ = ["EXACT_PATH", "Arc", "Element", "Event", "EventKind", "Line", "PathMode", "Plane", "Toolpath"]
+__all__ = ["EXACT_PATH", "Arc", "Element", "Event", "EventKind", "Line", "PathMode", "Plane", "Toolpath", "Totals"]
 
 _NEWTON_STEPS = 60
 """Steps of the safeguarded Newton iteration: from any bracket, bisection alone would be down to rounding by then."""
@@ -352,3 +353,44 @@ class Toolpath:
 
     def __iter__(self) -> Iterator[Element]:
         return iter(self.elements)
+
+    def items(self) -> Iterator[Element | Event]:
+        """Elements and events in order."""
+        events = deque(self.events)
+        for element, start in zip(self.elements, self.starts, strict=True):
+            while events and events[0].path_length <= start:
+                yield events.popleft()
+            yield element
+        yield from events
+
+    @property
+    def totals(self) -> Totals:
+        """What all of it adds up to."""
+        totals = Totals()
+        for item in self.items():
+            totals.add(item)
+        return totals
+
+
+@dataclass
+class Totals:
+    """What elements and events add up to: number and length (m) of the elements; nominal times, s."""
+
+    elements: int = 0
+    length: float = 0.0
+    feed_time: float = 0.0
+    rapid_time: float = 0.0
+    dwell_time: float = 0.0
+
+    def add(self, item: Element | Event) -> None:
+        """Count one more."""
+        if isinstance(item, Event):
+            if item.kind == "dwell":
+                self.dwell_time += item.value or 0.0
+            return
+        self.elements += 1
+        self.length += item.length
+        if item.traverse:
+            self.rapid_time += item.length / item.feed
+        else:
+            self.feed_time += item.length / item.feed
