@@ -1,7 +1,7 @@
 """Axis plants: what is faster than any topic (velocity and current loop, motor) and the mechanics behind it.
 
-`AxisPlant` is the ideal axis, exact; `ImperfectAxis` one with friction, backlash, compliance, limits and loads. Which of
-them an axis is follows from its parameters (`imperfect`). `PlatformLoad` is what all axes carry together.
+`AxisPlant` is the ideal axis, exact; `ImperfectAxis` one with friction, backlash, compliance, limits and loads. Which
+of them an axis is follows from its parameters (`imperfect`). `PlatformLoad` is what all axes carry together.
 """
 
 from pkm_cnc.plant.axis_plant import AxisPlant

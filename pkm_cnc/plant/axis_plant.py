@@ -13,7 +13,7 @@ __all__ = ["AxisPlant"]
 
 
 class AxisPlant:
-    """The axis `name` of one drive, rigid and without friction: integrates what is faster than the servo period (s), exactly.
+    """The ideal axis `name`: integrates what is faster than the servo period (s), exactly.
 
     It starts at rest at `start_position` (m). An end of travel is reported by the status and stops nothing.
     Raises InputError when `start_position` is not within the travel.
@@ -21,13 +21,13 @@ class AxisPlant:
 
     def __init__(
         self,
-        name: str,
         drive: DriveParameters,
         screw: ScrewParameters,
         scale: ScaleParameters,
         travel: TravelParameters,
         servo_period: float,
         start_position: float,
+        name: str = "",
     ) -> None:
         if not travel.minimum <= start_position <= travel.maximum:
             raise InputError(

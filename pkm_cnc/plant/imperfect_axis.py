@@ -1,13 +1,13 @@
 """An axis with what a real one has: friction, backlash, compliance, pitch error, limits, dead time, loads.
 
-Between two ticks of the servo clock it is integrated in steps. In a step the axis is one of few linear systems - current
-or voltage at a limit or neither, slider on one flank of the screw, on the other or on none, stuck or sliding - whose
-exact solution (matrix exponential) is known beforehand; which one it is, and every force that is no linear function of
-the state, is decided at the step's beginning. So the error falls with the length of a step, and without nonlinear
-effects there is none.
+Between two ticks of the servo clock it is integrated in steps. In a step the axis is one of few linear systems -
+current or voltage at a limit or neither, slider on a flank of the screw or on none, stuck or sliding - whose exact
+solution (matrix exponential) is known beforehand; which one it is, and every force that is no linear function of the
+state, is decided at the step's beginning. So the error falls with the length of a step, and without nonlinear effects
+there is none.
 
-Anti-windup: an integrator stands still while what it commands is at its limit. A slider whose velocity would change sign
-under friction is stopped, and stays where it is until more than the static friction pulls at it.
+Anti-windup: an integrator stands still while what it commands is at its limit. A slider whose velocity would change
+sign under friction is stopped, and stays where it is until more than the static friction pulls at it.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def imperfect(parts: AxisParts) -> str:
 
 
 class _Inputs(NamedTuple):
-    """What is held over a step: command m/s; the limit that rules, A or V; torque N m; force at the slider N; offset m."""
+    """Held over a step: command m/s; the limit that rules, A or V; torque N m; force at the slider N; offset m."""
 
     command: float
     level: float
@@ -321,6 +321,6 @@ def _refuse(parts: AxisParts, start_position: float) -> None:
         raise InputError("slider.mass: 0 kg given; a screw with a stiffness needs a slider with a mass")
     if not parts.slider.mass * turn * turn < parts.drive.inertia:
         raise InputError(
-            f"slider.mass: {parts.slider.mass} kg is {parts.slider.mass * turn * turn:.6g} kg m^2 at the motor's shaft, "
+            f"slider.mass: {parts.slider.mass} kg is {parts.slider.mass * turn * turn:.6g} kg m^2 at the shaft, "
             f"not less than drive.inertia, {parts.drive.inertia} kg m^2, which has all of the axis"
         )

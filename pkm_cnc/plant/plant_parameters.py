@@ -46,7 +46,7 @@ class ScrewParameters:
     )
     pitch_error: tuple[float, ...] = parameter(
         (0.0,),
-        "what the slider is ahead of the screw's nominal travel at these positions; straight lines between, level beyond",
+        "what the slider is ahead of the screw's nominal travel there; straight lines between, level beyond",
         unit="m",
         minimum=-0.01,
         maximum=0.01,
@@ -92,9 +92,10 @@ class SliderParameters:
 
 @dataclass(frozen=True)
 class FrictionParameters:
-    """Section `friction.*`, at the slider: |F| = coulomb + (static - coulomb) exp(-(v / stribeck_velocity)^2) + viscous v.
+    """Section `friction.*`, at the slider.
 
-    The model of Armstrong-Helouvry et al., Automatica 30 (1994), eq. 3; at rest up to `static` holds the slider still.
+    F = coulomb + (static - coulomb) exp(-(v / stribeck_velocity)^2) + viscous v against the motion: the model of
+    Armstrong-Helouvry et al., Automatica 30 (1994). At rest up to `static` holds the slider still.
     Raises InputError for a static friction below the kinetic one.
     """
 
@@ -139,7 +140,7 @@ class PlantParameters:
 
     steps: int = parameter(
         10,
-        "in a servo period; twice as many change the contour error of the star test on tripod_real by less than its noise",
+        "in a servo period",
         minimum=1,
         maximum=1000,
     )
@@ -158,7 +159,7 @@ class ScaleParameters:
         maximum=0.001,
     )
     seed: int = parameter(
-        1, "of the noise: the same seed, axis and cycle have the same noise", minimum=0, maximum=2**31 - 1
+        1, "of the noise: the same seed, axis and cycle have the same noise", unit="1", minimum=0, maximum=2**31 - 1
     )
 
 

@@ -1,13 +1,14 @@
 """What all axes carry together: platform and tool, as a point mass at the TCP.
 
-By the principle of virtual work a force F at the TCP acts on the joints as (dP/du)^T F. The force is weight and inertia,
+By the principle of virtual work a force F at the TCP acts on the joints as (dP/du)^T F. The force is weight and
+inertia,
 
     F = m (g - d2P/dt2),
 
-with the acceleration of the TCP that the sliders had over the last period. So what an axis takes of the others is half a
-period old on average, and held over the next: it is late by one period. What that is wrong by is at most T |dF/dt|, m T
-times the jerk of the TCP: for 20 kg, 1 ms and 50 m/s^3 1 N, against the 3435 kg that the default motor and screw have as
-seen from the slider (drive.inertia (2 pi / pitch)^2).
+with the acceleration of the TCP that the sliders had over the last period. So what an axis takes of the others is half
+a period old on average, and held over the next: it is late by one period. What that is wrong by is at most T |dF/dt|,
+m T times the jerk of the TCP: for 20 kg, 1 ms and 50 m/s^3 1 N, on what the default motor and screw have as 3435 kg at
+the slider (drive.inertia (2 pi / pitch)^2).
 """
 
 from __future__ import annotations
@@ -29,6 +30,11 @@ class PlatformLoad:
         self._mass = mass
         self._period = period
         self._velocity: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    def at_rest(self, joints: Sequence[float]) -> list[float]:
+        """The force on each slider, N, when all rest at `joints`, m."""
+        at_rest = [AxisState(joint, joint, 0.0, 0.0, 0.0, 0.0, 0) for joint in joints]
+        return PlatformLoad(self._machine, self._mass, self._period).step(at_rest)
 
     def step(self, states: Sequence[AxisState]) -> list[float]:
         """The force on each slider, N, along its travel, from all axes at t_k: for the period that begins there.
