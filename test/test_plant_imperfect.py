@@ -136,7 +136,7 @@ def test_steps_converge():
 
 @pytest.mark.parametrize("stiffness", [0.0, 2e8])
 def test_backlash_is_lost_motion_at_a_reversal(stiffness):
-    """Against an axis without, the slider is half of it behind on the way there and half of it behind on the way back."""
+    """Against an axis without, the slider is half of it behind on the way there, and on the way back."""
     screw, viscous = {"stiffness": stiffness, "damping": 2e4}, {"viscous": 2000.0}
     commands = [0.05] * 200 + [-0.05] * 200
     tight, _ = run(axis(screw=screw, slider={"mass": 50.0}, friction=viscous), commands)
