@@ -1,8 +1,8 @@
-"""Star and circle as they are measured: with an instrument at the TCP, several times, slow runs for what is not dynamic.
+"""Star and circle as they are measured: instrument at the TCP, several runs, slow ones for what is not dynamic.
 
-Thesis 6.4.1.2. A line has four intervals: a while the setpoint speeds up and the lag builds up, b at its feed, c while it
-brakes, d after its end; b is evaluated. What a slow run reads - straightedge, geometry, setting - is taken off what the
-fast run reads at the same place. A repeat has noise of its own: its scales have the next seed.
+Thesis 6.4.1.2. A line has four intervals: a while the setpoint speeds up and the lag builds up, b at its feed, c while
+it brakes, d after its end; b is evaluated. What a slow run reads - straightedge, geometry, setting - is taken off what
+the fast run reads at the same place. A repeat has noise of its own: its scales have the next seed.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def star_as_measured(
                 "star-as-measured",
                 "Star test as measured: mean contour error over interval b",
                 panels,
-                f"Probe of +-1 mm, 0.1 um, 100 readings a second; {repeats} repeats; less a run at {slow_feed:g} mm/min.",
+                f"Probe of +-1 mm, 0.1 um, 100 readings/s; {repeats} repeats; less a run at {slow_feed:g} mm/min.",
                 columns=2,
             )
         ],
