@@ -48,7 +48,7 @@ def test_the_star_as_measured_is_the_star_without_what_is_not_dynamic():
     (measured,) = found("star", lab(), **options)
     (half,) = found("star", lab(), slow_feed=3000.0, **options)
     ratios = np.divide(half["left_mean_um"], measured["left_mean_um"])
-    assert ratios == pytest.approx([(1 - 0.25) / (1 - 0.01)] * 2, rel=0.01)
+    assert ratios == pytest.approx([(1 - 0.25) / (1 - 0.01)] * 2, rel=0.03)
     plain = load_experiment("star")
     (star,) = plain.run(lab(), plain.options(headings=(0.0, 15.0), feeds=(6000.0,), pivot=(0.0, 0.0))).data["stars"]
     middle_half = [line["contour_error_um"]["mean"] for line in star["lines"]]
