@@ -6,6 +6,7 @@ equals the single cycle bit for bit, so a run does not depend on the block lengt
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -34,8 +35,10 @@ from pkm_cnc.records import (
     TcpState,
     Vector,
 )
+from pkm_cnc.run_messages import NEUTRAL, RunOptions
 from pkm_cnc.servo import ServoDrive
-from pkm_cnc.topics import RUN_END, topics
+from pkm_cnc.status import Status, StatusReports
+from pkm_cnc.topics import RUN_END, STATUS, topics
 from pkm_cnc.visuals import Visuals
 
 __all__ = ["Cycle", "Sink", "make_load", "make_plant", "simulate", "simulated_cycles"]
@@ -55,15 +58,16 @@ class Cycle(NamedTuple):
     """Everything of one servo cycle; axes in the machine's order.
 
     `operator` are the operator's commands that take effect in this cycle, `state` is STATE_* with its setpoint,
-    `events` what the program asks for in it. `entered` are the segments that the setpoint reaches in this cycle,
-    `summaries` of those that the tool has left; `next_states` are the axes at cycle + 1, `corrections` None without a
-    controller at the TCP.
+    `events` what the program asks for in it, `statuses` what is reported of its course, `entered` the segments that the
+    setpoint reaches, `summaries` those of the segments that the tool has left; `next_states` are the axes at cycle + 1,
+    `corrections` None without a controller at the TCP.
     """
 
     cycle: int
     operator: Sequence[Command]
     state: int
     events: Sequence[Event]
+    statuses: Sequence[Status]
     entered: Sequence[Segment]
     setpoint: TcpSetpoint
     axis_setpoints: list[AxisSetpoint]
@@ -100,7 +104,7 @@ def simulated_cycles(
     Raises MachineFault naming cycle and axis, after the cycles before it, also for an abort and where the run waits for
     a command that is not there; InputError for a command that is refused.
     """
-    panel = _Panel(program.interpolator(attended), commands)
+    panel = _Panel(setup, program.interpolator(attended), commands)
     motion = setup.machine.setpoint_motion(setup.start_pose, setup.servo_period)
     axes = _Axes(setup)
     controller = _TcpControl(setup) if setup.tcp_control.active else None
@@ -144,6 +148,7 @@ class _Step(NamedTuple):
     operator: Sequence[Command]
     state: int
     events: Sequence[Event]
+    statuses: Sequence[Status]
     entered: Sequence[Segment]
     setpoint: TcpSetpoint
 
@@ -151,8 +156,10 @@ class _Step(NamedTuple):
 class _Panel:
     """The interpolator with an operator whose commands are known before."""
 
-    def __init__(self, interpolator: Interpolator, commands: Iterable[tuple[int, Command]]) -> None:
+    def __init__(self, setup: Setup, interpolator: Interpolator, commands: Iterable[tuple[int, Command]]) -> None:
         self._interpolator = interpolator
+        self._reports = StatusReports(setup.servo_period_ns)
+        self._statuses = [self._reports.at_start(interpolator)]
         self._commands = deque(sorted(commands, key=lambda command: command[0]))
         self._cycle = 0
 
@@ -182,8 +189,13 @@ class _Panel:
                 f"cycle {self._cycle}: line {line}: the run waits for the operator, who commands nothing"
             )
         setpoint = interpolator.step(in_position)
+        events = interpolator.take_events()
+        status = self._reports.after_setpoint(self._cycle, interpolator, setpoint, len(events))
+        statuses: Sequence[Status] = ()
+        if status is not None or self._statuses:
+            statuses, self._statuses = [*self._statuses, *([] if status is None else [status])], []
         self._cycle += 1
-        return _Step(given, interpolator.state, interpolator.take_events(), interpolator.take_segments(), setpoint)
+        return _Step(given, interpolator.state, events, statuses, interpolator.take_segments(), setpoint)
 
     def _give(self) -> list[Command]:
         given = []
@@ -193,6 +205,7 @@ class _Panel:
             if reason:
                 raise InputError(f"operator's command in cycle {self._cycle}: {reason}")
             given.append(command)
+            self._statuses.append(self._reports.after_command(self._interpolator))
         return given
 
 
@@ -304,18 +317,19 @@ def simulate(
     sink: Sink | None = None,
     watch: Callable[[Cycle], None] | None = None,
     commands: Iterable[tuple[int, Command]] = (),
-    attended: bool = False,
+    options: RunOptions = NEUTRAL,
+    cycles: int | None = None,
 ) -> int:
-    """Run a checked program, write it to `sink`, show every cycle to `watch`; return how many there were.
+    """Run a program as `simulated_cycles` does, write it to `sink`, show every cycle to `watch`; return their number.
 
-    `commands` and `attended` are as for `simulated_cycles`.
-
-    Raises MachineFault; the sink then holds the cycles before the fault and the reason of the end.
+    `checked` is what `prepare` has made of `program` from `options.from_line` on; `cycles`: stop after so many. Raises
+    MachineFault; the sink then holds the cycles before the fault and the reason of the end.
     """
-    recording = None if sink is None else _Recording(setup, program, sink)
+    recording = None if sink is None else _Recording(setup, program, options, sink)
+    reason = "" if cycles is None else f"stopped after {cycles} cycles"
     count = 0
     try:
-        for cycle in simulated_cycles(setup, checked, commands, attended):
+        for cycle in itertools.islice(simulated_cycles(setup, checked, commands, options.attended), cycles):
             count += 1
             if recording is not None:
                 recording.put(cycle)
@@ -326,16 +340,17 @@ def simulate(
             recording.end(run_messages.End(count, "simulation", str(fault)))
         raise
     if recording is not None:
-        recording.end(run_messages.End(count - 1, "simulation", ""))
+        recording.end(run_messages.End(count if reason else count - 1, "simulation", reason))
     return count
 
 
 class _Recording:
     """Writes cycles as the messages that the graph's recorder would hold."""
 
-    def __init__(self, setup: Setup, program: Program, sink: Sink) -> None:
+    def __init__(self, setup: Setup, program: Program, options: RunOptions, sink: Sink) -> None:
         self._period = setup.servo_period_ns
         self._axes = list(setup.axes)
+        self._blocks = program.text.split("\n")
         self._sink = sink
         self._pack = {
             topic.name: topic.codec.pack
@@ -343,7 +358,18 @@ class _Recording:
             if topic.record
         }
         self._visuals = Visuals(setup.actual, self._axes, setup.servo_period_ns)
-        sink.write("run_info", 0, run_messages.run_info(setup, program))
+        sink.write("run_info", 0, run_messages.run_info(setup, program, options))
+
+    def _tell(self, done: Cycle, time: int) -> None:
+        for command in done.operator:
+            self._sink.write("operator/command", time, run_messages.operator_command(command, done.cycle, time))
+        for index, element, start in done.entered:
+            self._sink.write("toolpath/segment", time, run_messages.segment(index, element, start, time))
+            self._visuals.add(element)
+        for event in done.events:
+            self._sink.write("program/event", time, run_messages.program_event(event, done.cycle, time))
+        for status in done.statuses:
+            self._sink.write(STATUS, time, run_messages.controller_status(status, self._blocks, done.cycle, time))
 
     def _servo(self, topic: str, cycle: int, values: Any) -> None:
         time = cycle * self._period
@@ -352,9 +378,7 @@ class _Recording:
     def put(self, done: Cycle) -> None:
         """Write one cycle."""
         number, time = done.cycle, done.cycle * self._period
-        for index, element, start in done.entered:
-            self._sink.write("toolpath/segment", time, run_messages.segment(index, element, start, time))
-            self._visuals.add(element)
+        self._tell(done, time)
         self._servo("tcp/setpoint", number, done.setpoint)
         for place, axis in enumerate(self._axes):
             self._servo(f"{axis}/setpoint", number, done.axis_setpoints[place])

@@ -10,7 +10,16 @@ from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.report import write_whole
 
-__all__ = ["add_bag", "add_machine", "add_program", "make_folder", "print_bag", "setup_of", "write_text"]
+__all__ = [
+    "add_bag",
+    "add_from_line",
+    "add_machine",
+    "add_program",
+    "make_folder",
+    "print_bag",
+    "setup_of",
+    "write_text",
+]
 
 
 def add_machine(parser: argparse.ArgumentParser, default: str | None = None) -> None:
@@ -40,6 +49,23 @@ def add_program(parser: argparse.ArgumentParser) -> None:
 def add_bag(parser: argparse.ArgumentParser) -> None:
     """Add the bag to be recorded."""
     parser.add_argument("--bag", required=True, metavar="DIR", help="folder of the bag; must not exist")
+
+
+def add_from_line(parser: argparse.ArgumentParser) -> None:
+    """Add --from-line."""
+    parser.add_argument(
+        "--from-line",
+        type=_line_number,
+        default=0,
+        metavar="N",
+        help="begin at the first motion of line N or after it",
+    )
+
+
+def _line_number(text: str) -> int:
+    if not text.isdecimal() or not 0 < int(text) < 2**31:
+        raise argparse.ArgumentTypeError(f"{text!r} is not the number of a line")
+    return int(text)
 
 
 def print_bag(bag: str, machine: float, wall: float) -> None:

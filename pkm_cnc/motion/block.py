@@ -128,10 +128,11 @@ class Block:
         squares, held = speeds_squared(cells, nodes, self._square, 0.0)
         if self._cut and not held:
             return None
-        final = len(cells) if ends else self._final(cells, nodes, squares)
+        whole = ends or self._until is not None
+        final = len(cells) if whole else self._final(cells, nodes, squares)
         if final == 0:
             return Plan(squares, 0, [], [])
-        samples = self._sampled(FeedProfile(cells[:final], squares[: final + 1]), ends, to_rest=ends)
+        samples = self._sampled(FeedProfile(cells[:final], squares[: final + 1]), ends, to_rest=whole)
         return Plan(squares, final, samples, exact_setpoints(samples))
 
     def _limits(self) -> tuple[list[Cell], list[float]]:
@@ -314,6 +315,16 @@ class Block:
             self.cells[0] = PlannedCell(cell._replace(length=cell.length - gone), piece, begin + gone, node)
             self.starts[0] = state.path
             self._cut = True
+        self._halve()
+
+    def _halve(self) -> None:
+        """Make two cells of one that is alone: the profile needs a node between two rests."""
+        if len(self.cells) == 1 and not self.cells[0].cell.free:
+            cell, piece, begin, node = self.cells[0]
+            half = cell._replace(length=0.5 * cell.length)
+            self.cells = [PlannedCell(half, piece, begin, node), PlannedCell(half, piece, begin + half.length, node)]
+            self.starts.insert(1, self.starts[0] + half.length)
+            self._slow *= 2
 
     def entered(self, samples: list[Sample], setpoints: list[TcpSetpoint]) -> Block:
         """A redirected block entered after these samples only."""
@@ -332,6 +343,7 @@ class Block:
         length = path - block.starts[-2]
         block.cells[-1] = PlannedCell(cell._replace(length=length), piece, begin, node)
         block.starts[-1], block._until = path, begin + length
+        block._halve()
         return block
 
     def line_ends(self) -> Iterator[float]:
