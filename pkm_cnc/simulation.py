@@ -83,12 +83,15 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
     axes = _Axes(setup)
     controller = _TcpControl(setup) if setup.tcp_control.active else None
     monitor = ContourMonitor()
+    contour = toolpath.contour
     block = BLOCK if controller is None else 1  # with it the drives need the TCP of every cycle
     cycle, known, rests = 0, 0, True
     while not interpolator.finished:
         setpoints = [interpolator.step(rests)]
         while len(setpoints) < block and not interpolator.needs_feedback and not interpolator.finished:
             setpoints.append(interpolator.step())
+        if toolpath.original is not None:
+            setpoints = [toolpath.on_contour(setpoint) for setpoint in setpoints]
         axis_setpoints, unreached = _axis_setpoints(motion, setpoints, cycle)
         corrections, refused = None, None
         if controller is not None and axis_setpoints:
@@ -104,7 +107,7 @@ def simulated_cycles(setup: Setup, toolpath: Toolpath) -> Iterator[Cycle]:
         for setpoint, row, believed_point, true_point in zip(setpoints, rows, believed, true, strict=False):
             entered = range(known, setpoint.segment + 1)
             for index in entered:
-                monitor.add_segment(index, toolpath.elements[index], toolpath.starts[index])
+                monitor.add_segment(index, contour.elements[index], contour.starts[index])
             known = entered.stop
             tcp, error = monitor.step(setpoint, believed_point, true_point)
             summaries = monitor.finish() if setpoint.phase == PHASE_END else monitor.take_summaries()
@@ -244,7 +247,7 @@ class _Recording:
     def __init__(self, setup: Setup, program: Program, toolpath: Toolpath, sink: Sink) -> None:
         self._period = setup.servo_period_ns
         self._axes = list(setup.axes)
-        self._toolpath = toolpath
+        self._contour = toolpath.contour
         self._sink = sink
         self._pack = {
             topic.name: topic.codec.pack
@@ -262,7 +265,7 @@ class _Recording:
         """Write one cycle."""
         number, time = done.cycle, done.cycle * self._period
         for index in done.entered:
-            element, start = self._toolpath.elements[index], self._toolpath.starts[index]
+            element, start = self._contour.elements[index], self._contour.starts[index]
             self._sink.write("toolpath/segment", time, run_messages.segment(index, element, start, time))
             self._visuals.add(element)
         self._servo("tcp/setpoint", number, done.setpoint)

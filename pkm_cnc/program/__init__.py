@@ -11,7 +11,8 @@ from pkm_cnc.program.interpreter import (
     read_elements,
     read_motions,
 )
-from pkm_cnc.program.toolpath import EXACT_PATH, Arc, Element, Event, Line, PathMode, Plane, Toolpath
+from pkm_cnc.program.original import carried_original, carry_original, element_comment, places_by_length
+from pkm_cnc.program.toolpath import EXACT_PATH, Arc, Element, Event, Line, PathMode, Place, Plane, Toolpath
 
 __all__ = [
     "EXACT_PATH",
@@ -23,6 +24,7 @@ __all__ = [
     "Line",
     "Motion",
     "PathMode",
+    "Place",
     "Plane",
     "Program",
     "ProgramError",
@@ -30,7 +32,11 @@ __all__ = [
     "Toolpath",
     "canonical_events",
     "canonical_motion",
+    "carried_original",
+    "carry_original",
+    "element_comment",
     "interpret",
+    "places_by_length",
     "program_from_bytes",
     "read_elements",
     "read_motions",

@@ -17,6 +17,7 @@ from pkm_cnc.program.blocks import Block, Program
 from pkm_cnc.program.codes import ARCS, EVENTS, FEED, NO_MOTION, TRAVERSE, words_by_meaning
 from pkm_cnc.program.expressions import WHOLE
 from pkm_cnc.program.flow import executed_blocks
+from pkm_cnc.program.original import carried_original, element_of_comment, places_by_element
 from pkm_cnc.program.parameters import Key, Parameters
 from pkm_cnc.program.toolpath import EXACT_PATH, Element, Event, EventKind, Line, PathMode, Plane, Toolpath
 from pkm_cnc.records import Vector
@@ -77,14 +78,24 @@ def interpret(
     """
     elements: list[Element] = []
     events: list[Event] = []
+    owners: list[int] = []
+    owner = -1
     for item in read_elements(program, start=start, zero=zero, rapid=rapid, parameters=parameters):
-        if isinstance(item, Event):
-            events.append(item)
-        else:
+        if not isinstance(item, Event):
             elements.append(item)
+            owners.append(owner)
+        elif item.kind == "contour_element":
+            owner = int(item.value or 0.0)
+        else:
+            events.append(item)
     if not elements:
         raise InputError(f"part program {program.name}: contains no motion")
-    return Toolpath(tuple(elements), tuple(events))
+    source = carried_original(program)
+    if source is None:
+        return Toolpath(tuple(elements), tuple(events))
+    original = interpret(source, start=start, zero=zero, rapid=rapid, parameters=parameters)
+    places = places_by_element(program.name, [element.length for element in elements], owners, original)
+    return Toolpath(tuple(elements), tuple(events), original, tuple(places))
 
 
 def read_elements(
@@ -183,7 +194,10 @@ class _Interpreter:
 
     def _messages(self, block: Block) -> Iterator[Event]:
         for comment in block.comments:
-            if comment[: len(_MESSAGE)].lower() == _MESSAGE:
+            element = element_of_comment(comment)
+            if element is not None:
+                yield self._event("contour_element", float(element))
+            elif comment[: len(_MESSAGE)].lower() == _MESSAGE:
                 yield self._event("message", text=comment[len(_MESSAGE) : -1].strip())
 
     # what concerns spindle, tool, coolant and time

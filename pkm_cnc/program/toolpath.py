@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Literal, NamedTuple
 
-from pkm_cnc.records import Vector
+from pkm_cnc.records import TcpSetpoint, Vector
 from pkm_cnc.tolerances import ZERO_LENGTH
 
-__all__ = ["EXACT_PATH", "Arc", "Element", "Event", "EventKind", "Line", "PathMode", "Plane", "Toolpath"]
+__all__ = ["EXACT_PATH", "Arc", "Element", "Event", "EventKind", "Line", "PathMode", "Place", "Plane", "Toolpath"]
 
 _NEWTON_STEPS = 60
 """Steps of the safeguarded Newton iteration: from any bracket, bisection alone would be down to rounding by then."""
@@ -70,8 +70,10 @@ EventKind = Literal[
     "coolant_off",
     "dwell",
     "message",
+    "contour_element",
 ]
-"""What a program can ask for besides motion."""
+"""What a program can ask for besides motion. contour_element is a mark: here begins what stands for element `value` of
+the contour that the program carries."""
 
 
 class Event(NamedTuple):
@@ -320,16 +322,30 @@ def _zero(value: Callable[[float], float], rate: Callable[[float], float], low: 
 Element = Line | Arc
 
 
+class Place(NamedTuple):
+    """Where a motion belongs that is judged by another contour: it begins at `path_length` (m) in its `segment`.
+
+    From there on `rate` m of the contour go by with each m of the motion.
+    """
+
+    segment: int
+    path_length: float
+    rate: float
+
+
 @dataclass(frozen=True, slots=True)
 class Toolpath:
     """The elements of a part program in order, each starting exactly where the one before ends, and its events.
 
-    `starts` is the path length (m) at each element's start, `length` (m) that at the end of the last.
+    `starts` is the path length (m) at each element's start, `length` (m) that at the end of the last. A compensated
+    program is judged by the contour of its `original`; each element then has its place there.
     Raises ValueError for elements that do not connect, an element without length, no elements.
     """
 
     elements: tuple[Element, ...]
     events: tuple[Event, ...] = ()
+    original: Toolpath | None = None
+    places: tuple[Place, ...] = ()
     starts: tuple[float, ...] = field(init=False, repr=False, compare=False)
     length: float = field(init=False, repr=False, compare=False)
 
@@ -352,3 +368,16 @@ class Toolpath:
 
     def __iter__(self) -> Iterator[Element]:
         return iter(self.elements)
+
+    @property
+    def contour(self) -> Toolpath:
+        """What the run is judged by: the original, if there is one."""
+        return self.original or self
+
+    def on_contour(self, setpoint: TcpSetpoint) -> TcpSetpoint:
+        """A setpoint along these elements with segment and path length of the contour."""
+        if self.original is None:
+            return setpoint
+        place = self.places[setpoint.segment]
+        s = place.path_length + place.rate * (setpoint.path_length - self.starts[setpoint.segment])
+        return setpoint._replace(segment=place.segment, path_length=s)
