@@ -38,7 +38,7 @@ away 1e-8 of what is 30 knots long, and decides where there are no data."""
 
 @dataclass(frozen=True)
 class Span:
-    """From `begin` to `end` (m along the contour) the tool moves without a stop; the spline has `intervals`; `fade` in m."""
+    """From `begin` to `end` (m along the contour) the tool moves without a stop; `fade` in m."""
 
     begin: float
     end: float
@@ -132,6 +132,13 @@ class Correction:
         for span, coefficients in zip(self.spans, self.coefficients, strict=True):
             inside = (span.begin <= s) & (s <= span.end)
             result[inside] = BSpline(span.knots(), coefficients, DEGREE)(s[inside], derivative)
+        return result
+
+    def settled(self, s: Array) -> NDArray[np.bool_]:
+        """Which of the path lengths `s` (n,), m, are in a span and off its faded ends."""
+        result = np.zeros(len(s), dtype=bool)
+        for span in self.spans:
+            result |= (span.begin + span.fade <= s) & (s <= span.end - span.fade)
         return result
 
     def size(self) -> float:

@@ -69,39 +69,47 @@ def _mirror(situation: Situation) -> Correction:
 
 
 def _ilc(situation: Situation) -> Correction:
-    """c += gain * J^-1 L J e, e the part of J^-1 (u[k] - y[k + m]) across the contour.
+    """c += gain * J^-1 L J e, e the part of P[k] - actual TCP[k + m] across the contour.
 
-    The learning filter L is the inverse of the drives. The tangential part is left out before it: it stays, and the
-    filter would bring some of it across.
+    P is the place on the original contour. The learning filter L is the inverse of the drives. The part along the path
+    is left out before it: it stays, and the filter would bring some of it across.
     """
     inverse = drive_inverse(situation.model)
     machine = situation.model.machine
     parts = []
     for run in situation.runs:
-        count = len(run.s)
-        late = np.minimum(np.arange(count) + inverse.delay, count - 1.0)
-        answered = np.stack([np.interp(late, np.arange(count), column) for column in run.actual.T], axis=1)
-        wanted = run.joints - _joint_change(situation, run)
-        to_joints, to_tcp = machine.jacobian(run.setpoint), machine.inverse_jacobian(run.setpoint)
+        late = _delayed(run.actual, _delay(run))
         tangents = _tangents(situation.contour, run.s)
-        missing = across(np.einsum("kij,kj->ki", to_tcp, wanted - answered), tangents)
-        asked = inverse.learning(np.einsum("kij,kj->ki", to_joints, missing), situation.cutoff)
-        parts.append((run.s, across(np.einsum("kij,kj->ki", to_tcp, asked), tangents)))
-    change = _together(situation, parts)
-    return situation.correction.plus(change, situation.gain)
+        wanted = run.setpoint - situation.correction.at(run.s)
+        missing = across(wanted - machine.forward(late), tangents)
+        asked = inverse.learning(_product(machine.jacobian(run.setpoint), missing), situation.cutoff)
+        change = across(_product(machine.inverse_jacobian(run.setpoint), asked), tangents)
+        settled = situation.correction.settled(run.s)
+        parts.append((run.s[settled], change[settled]))
+    return situation.correction.plus(_together(situation, parts), situation.gain)
+
+
+def _delay(run: Observation) -> float:
+    """By how many cycles the drives follow their setpoints, all together, by least squares."""
+    steps = np.gradient(run.joints, axis=0)
+    return float(((run.joints - run.actual) * steps).sum() / (steps * steps).sum())
+
+
+def _delayed(series: Array, delay: float) -> Array:
+    """`series` (n, m) so many cycles later; at its end it rests."""
+    count = len(series)
+    places = np.minimum(np.arange(count) + delay, count - 1.0)
+    return np.stack([np.interp(places, np.arange(count), column) for column in series.T], axis=1)
+
+
+def _product(matrices: Array, vectors: Array) -> Array:
+    return np.asarray(np.einsum("kij,kj->ki", matrices, vectors))
 
 
 def _together(situation: Situation, parts: list[tuple[Array, Array]]) -> Correction:
     """One fit through the samples, path lengths and vectors, of all runs."""
     places, vectors = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Correction.fitted(situation.correction.spans, places, vectors)
-
-
-def _joint_change(situation: Situation, run: Observation) -> Array:
-    """What the correction so far has added to the drives' setpoints."""
-    machine = situation.model.machine
-    original = run.setpoint - situation.correction.at(run.s)
-    return np.asarray(machine.inverse(run.setpoint) - machine.inverse(original))
 
 
 def _inverse(situation: Situation) -> Correction:

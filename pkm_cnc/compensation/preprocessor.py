@@ -174,7 +174,7 @@ class _Work:
         errors = [error for run in runs for error in run.errors]
         before = judged(errors, self.contour)
         correction = self.method.learn(self._situation(self.correction, runs))
-        program, toolpath = self._written(correction, f"by {name} from {len(runs)} bag(s)")
+        program, toolpath = self._written(correction, f"by {name} from bags: {len(runs)}")
         figures = self._predicted(runs, toolpath)
         return Compensated(program, self._checked(program, toolpath), before, (Pass(correction.size(), figures),), 0)
 
