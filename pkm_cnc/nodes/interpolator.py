@@ -40,6 +40,7 @@ class InterpolatorNode(GraphNode):
             raise InputError(f"parameter pacing: {self._pacing!r} is not one of {', '.join(PACINGS)}")
         self._program = read_program(self.run["program"])
         self._toolpath = prepare(self.setup, self._program)
+        self._contour = self._toolpath.contour
         self._interpolator = Interpolator(
             self._toolpath, self.setup.motion, self.setup.servo_period, self.setup.drive_limits
         )
@@ -77,10 +78,10 @@ class InterpolatorNode(GraphNode):
     def _release(self) -> None:
         """Publish every setpoint that the window, the machine's rest and the pacing allow."""
         while self.running and not self._interpolator.finished and self._may_release():
-            setpoint = self._interpolator.step(self._in_position)
+            setpoint = self._toolpath.on_contour(self._interpolator.step(self._in_position))
             stamp_ns = self._cycle * self.setup.servo_period_ns
             while self._announced <= setpoint.segment:
-                element, start = self._toolpath.elements[self._announced], self._toolpath.starts[self._announced]
+                element, start = self._contour.elements[self._announced], self._contour.starts[self._announced]
                 data = run_messages.segment(self._announced, element, start, stamp_ns)
                 self.send("toolpath/segment", self._cycle, data)
                 self._announced += 1

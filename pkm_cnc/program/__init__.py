@@ -11,7 +11,7 @@ from pkm_cnc.program.interpreter import (
     read_elements,
     read_motions,
 )
-from pkm_cnc.program.original import carried_original, carry_original, element_comment, places_by_length
+from pkm_cnc.program.original import carried_original, carry_original, element_comment, with_reference
 from pkm_cnc.program.toolpath import EXACT_PATH, Arc, Element, Event, Line, PathMode, Place, Plane, Toolpath
 
 __all__ = [
@@ -36,9 +36,9 @@ __all__ = [
     "carry_original",
     "element_comment",
     "interpret",
-    "places_by_length",
     "program_from_bytes",
     "read_elements",
     "read_motions",
     "read_program",
+    "with_reference",
 ]

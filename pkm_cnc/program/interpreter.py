@@ -17,7 +17,7 @@ from pkm_cnc.program.blocks import Block, Program
 from pkm_cnc.program.codes import ARCS, EVENTS, FEED, NO_MOTION, TRAVERSE, words_by_meaning
 from pkm_cnc.program.expressions import WHOLE
 from pkm_cnc.program.flow import executed_blocks
-from pkm_cnc.program.original import carried_original, element_of_comment, places_by_element
+from pkm_cnc.program.original import carried_original, element_of_comment, places_by_element, places_by_length
 from pkm_cnc.program.parameters import Key, Parameters
 from pkm_cnc.program.toolpath import EXACT_PATH, Element, Event, EventKind, Line, PathMode, Plane, Toolpath
 from pkm_cnc.records import Vector
@@ -94,7 +94,10 @@ def interpret(
     if source is None:
         return Toolpath(tuple(elements), tuple(events))
     original = interpret(source, start=start, zero=zero, rapid=rapid, parameters=parameters)
-    places = places_by_element(program.name, [element.length for element in elements], owners, original)
+    lengths = [element.length for element in elements]
+    if set(owners) == {-1}:
+        return Toolpath(tuple(elements), tuple(events), original, tuple(places_by_length(lengths, original)))
+    places = places_by_element(program.name, lengths, owners, original)
     return Toolpath(tuple(elements), tuple(events), original, tuple(places))
 
 

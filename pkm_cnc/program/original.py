@@ -1,9 +1,9 @@
-"""The original contour that a compensated part program carries, and where on it each of its motions belongs.
+"""The contour that a part program carries to be judged by, and where on it each of its motions belongs.
 
 A compensated program moves along another path than the one it is judged by. It carries the program that it was made
 from line by line in comments "(pkm_cnc original: ...)", whose own parentheses are written as braces, and before the
 motions that stand for element i of that program's contour, from 0, the comment "(pkm_cnc element: i)". An ordinary CNC
-ignores both.
+ignores both. Where there are no such marks, the motions go along the contour by their share of the path length.
 """
 
 from __future__ import annotations
@@ -34,6 +34,15 @@ _FROM_COMMENT = str.maketrans("{}", "()")
 def carry_original(program: Program) -> list[str]:
     """The comments that carry `program`; braces in its comments come back as brackets."""
     return [f"{_ORIGINAL} {line.translate(_TO_COMMENT)})" for line in program.text.splitlines()]
+
+
+def with_reference(program: Program, reference: Program) -> Program:
+    """`program`, to be judged by the contour of `reference`, which is run in the same order.
+
+    Its lines stay where they are, the reference is carried behind them in place of what it carried before.
+    """
+    lines = ["" if line.startswith((_ORIGINAL, _ELEMENT)) else line for line in program.text.splitlines()]
+    return Program(program.name, "\n".join([*lines, *carry_original(reference), ""]))
 
 
 def carried_original(program: Program) -> Program | None:
