@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pkm_cnc.bag import Run
 from pkm_cnc.check import prepare
@@ -22,11 +23,15 @@ from pkm_cnc.contour import ContourTracker
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
 from pkm_cnc.parameters import parameter
 from pkm_cnc.program import Program, Toolpath, carried_original, interpret, read_elements
+from pkm_cnc.records import TcpSetpoint
 
 __all__ = ["Compensated", "CompensationOptions", "Pass", "compensate"]
 
-SLOWER = 0.02
-"""1. A compensated program may be slower than the original by this part of its feed before it is refused."""
+Array = NDArray[np.float64]
+
+SLOWER = 0.005
+"""1. A compensated program may be slower than the original by this part of its feed before it is refused: the error
+that it is made for goes with the square of the speed."""
 
 
 @dataclass(frozen=True)
@@ -254,19 +259,23 @@ class _Work:
         return toolpath
 
     def _refuse_slower(self, toolpath: Toolpath) -> None:
+        """Where the correction is full and the original has its feed, the compensated program must have it too."""
         before, after = (setpoints_of(self.setup, path) for path in (self.toolpath, toolpath))
-        table = [
-            np.array([(one.path_length, (one.vx**2 + one.vy**2 + one.vz**2) ** 0.5) for one in setpoints])
-            for setpoints in (before, after)
-        ]
-        places = table[0][:, 0]
-        lost = table[0][:, 1] - np.interp(places, *table[1].T)
-        feeds = np.array([one.feed for one in before])
-        row = int(np.argmax(lost / feeds))
-        if lost[row] > SLOWER * feeds[row]:
+        places, speeds, feeds = _along(before)
+        reached = np.interp(places, *_along(after)[:2])
+        steady = self.correction.settled(places) & (speeds >= feeds * (1.0 - SLOWER))
+        lost = np.where(steady, (speeds - reached) / feeds, 0.0)
+        row = int(np.argmax(lost))
+        if lost[row] > SLOWER:
             line = self.contour.elements[before[row].segment].line
             raise InputError(
-                f"{self.given.name}:{line}: compensated, the tool would have to slow down by "
-                f"{lost[row] / feeds[row] * 100.0:.3g} % of its feed to keep the limits of TCP and drives (motion, "
-                "limits): a lower feed, or a lower gain, leaves them room"
+                f"{self.given.name}:{line}: compensated, the tool would have to slow down by {lost[row] * 100.0:.3g} % "
+                "of its feed to keep the limits of TCP and drives (motion, limits): a lower feed leaves them room"
             )
+
+
+def _along(setpoints: list[TcpSetpoint]) -> tuple[Array, Array, Array]:
+    """Path lengths on the contour, m, speeds and feeds, m/s."""
+    rows = [(one.path_length, one.vx, one.vy, one.vz, one.feed) for one in setpoints]
+    places, vx, vy, vz, feeds = np.array(rows).T
+    return places, np.sqrt(vx * vx + vy * vy + vz * vz), feeds

@@ -30,6 +30,8 @@ FEED_DECIMALS = 4
 """Of a mm/min: 1e-8 of usual feeds."""
 SHORTEST = 2e-5
 """m. Pieces are never made shorter than this: usual feeds take a servo period for more."""
+LESS = 0.6
+"""1. The part of the tolerance that pieces are cut for."""
 LOOKED_AT = 4
 """Places in a knot interval of the correction at which its bend is looked at."""
 STEEPEST = 0.25
@@ -128,8 +130,7 @@ class _Writer:
             self._piece(element, element.length, np.array(element.end), None)
             return
         self._refuse_steep(element, looked_at, c)
-        bend = np.abs(self._straight_part(element, self._correction.at(looked_at, 2)))
-        longest = np.minimum(span.step, np.sqrt(8.0 * self._tolerance / np.maximum(bend, 1e-12)))
+        longest = np.minimum(span.step, self._longest(element, looked_at))
         cuts = _cuts(looked_at, np.maximum(longest, SHORTEST))
         ends = self._ends(element, begin, cuts)
         middles = self._corrected(element, begin, 0.5 * (cuts[:-1] + cuts[1:]))
@@ -146,6 +147,19 @@ class _Writer:
                 f"{self._name}:{element.line}: the correction, {size * 1e6:.4g} um at most, is too large or too steep "
                 f"({slope:.3g} of the way): the path would bend back; a lower feed or fewer passes help"
             )
+
+    def _longest(self, element: Element, s: Array) -> Array:
+        """The longest pieces that keep the tolerance, m, at `s`.
+
+        Of length h, a line through the outer sides is off by h^2 / 12 times the second derivative at its ends; an arc
+        through three points by h^3 / 125 times the third at most. A little less is taken, because they change.
+        """
+        bend = np.abs(self._straight_part(element, self._correction.at(s, 2)))
+        longest = np.sqrt(LESS * 12.0 * self._tolerance / np.maximum(bend, 1e-12))
+        if isinstance(element, Arc):
+            third = np.sqrt((self._correction.at(s, 3) ** 2).sum(axis=1))
+            longest = np.minimum(longest, np.cbrt(LESS * 125.0 * self._tolerance / np.maximum(third, 1e-12)))
+        return np.asarray(longest)
 
     def _straight_part(self, element: Element, vectors: Array) -> Array:
         """Size of what pieces of `element` approximate by straight lines, (n,): on arcs what is along their axis."""

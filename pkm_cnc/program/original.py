@@ -15,6 +15,7 @@ from itertools import accumulate
 from pkm_cnc.errors import InputError
 from pkm_cnc.program.blocks import Program
 from pkm_cnc.program.toolpath import Place, Toolpath
+from pkm_cnc.tolerances import TIE
 
 __all__ = [
     "carried_original",
@@ -95,9 +96,5 @@ def places_by_element(name: str, lengths: Sequence[float], owners: Sequence[int]
 def places_by_length(lengths: Sequence[float], contour: Toolpath) -> list[Place]:
     """Where on `contour` each motion belongs if nothing but the order is known: by its share of the path length."""
     starts = [0.0, *accumulate(lengths)]
-    rate = contour.length / starts[-1]
-    middles = (rate * (start + 0.5 * length) for start, length in zip(starts, lengths, strict=False))
-    return [
-        Place(bisect_right(contour.starts, middle) - 1, rate * start, rate)
-        for start, middle in zip(starts, middles, strict=False)
-    ]
+    rate = contour.length / starts.pop()
+    return [Place(bisect_right(contour.starts, rate * start + TIE) - 1, rate * start, rate) for start in starts]

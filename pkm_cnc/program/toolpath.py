@@ -8,13 +8,14 @@ length is s = t sqrt(r^2 + h^2).
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Literal, NamedTuple
 
 from pkm_cnc.records import TcpSetpoint, Vector
-from pkm_cnc.tolerances import ZERO_LENGTH
+from pkm_cnc.tolerances import TIE, ZERO_LENGTH
 
 __all__ = ["EXACT_PATH", "Arc", "Element", "Event", "EventKind", "Line", "PathMode", "Place", "Plane", "Toolpath"]
 
@@ -380,4 +381,7 @@ class Toolpath:
             return setpoint
         place = self.places[setpoint.segment]
         s = place.path_length + place.rate * (setpoint.path_length - self.starts[setpoint.segment])
-        return setpoint._replace(segment=place.segment, path_length=s)
+        segment, starts = place.segment, self.original.starts
+        if segment + 1 < len(starts) and s > starts[segment + 1] + TIE:  # a motion along more than one element
+            segment = bisect_left(starts, s) - 1
+        return setpoint._replace(segment=segment, path_length=s)
