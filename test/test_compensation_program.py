@@ -37,7 +37,7 @@ def compensated(text=TEXT, size=50e-6, tolerance=1e-8):
     program = Program("part.ngc", text)
     contour = interpret(program, **READING)
     spans = spans_of(contour, MotionParameters(wait_in_position=True), 20.0, 2e-3)
-    s = np.linspace(0.0, contour.length, 4000)
+    s = np.linspace(0.0, contour.length, 3000)
     waves = size * np.stack([np.sin(s / 8e-3), np.cos(s / 9e-3), np.sin(s / 7e-3 + 1.0)], axis=1)
     tangents = np.array([tangent(contour, place) for place in s])
     waves -= (waves * tangents).sum(axis=1)[:, None] * tangents

@@ -30,7 +30,7 @@ FEED_DECIMALS = 4
 """Of a mm/min: 1e-8 of usual feeds."""
 SHORTEST = 2e-5
 """m. Pieces are never made shorter than this: usual feeds take a servo period for more."""
-LESS = 0.6
+LESS = 0.45
 """1. The part of the tolerance that pieces are cut for."""
 LOOKED_AT = 4
 """Places in a knot interval of the correction at which its bend is looked at."""
