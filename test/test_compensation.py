@@ -228,7 +228,8 @@ def test_a_program_that_would_have_to_slow_down():
     fastest = float(np.abs(np.gradient(run.joints, axis=0))[on_it].max()) / TRIPOD.servo_period
     tight = load_setup("tripod", [f"limits.velocity={fastest * 1.0001!r}"])
     reason = refused(tight, program, options=CompensationOptions(iterations=1))
-    assert reason.startswith("circle.ngc:6: compensated, the tool would have to slow down by ")
+    assert reason.startswith("circle.ngc:")
+    assert "compensated, the tool would have to slow down by 0.6" in reason
 
 
 def test_a_model_that_is_unstable_or_another_machine():

@@ -261,10 +261,9 @@ class _Work:
     def _refuse_slower(self, toolpath: Toolpath) -> None:
         """Where the correction is full and the original has its feed, the compensated program must have it too."""
         before, after = (setpoints_of(self.setup, path) for path in (self.toolpath, toolpath))
-        places, speeds, feeds = _along(before)
-        reached = np.interp(places, *_along(after)[:2])
-        steady = self.correction.settled(places) & (speeds >= feeds * (1.0 - SLOWER))
-        lost = np.where(steady, (speeds - reached) / feeds, 0.0)
+        places, reached = _along(before)
+        steady = self.correction.settled(places) & (reached >= 1.0 - SLOWER)
+        lost = np.where(steady, reached - np.interp(places, *_along(after)), 0.0)
         row = int(np.argmax(lost))
         if lost[row] > SLOWER:
             line = self.contour.elements[before[row].segment].line
@@ -274,8 +273,8 @@ class _Work:
             )
 
 
-def _along(setpoints: list[TcpSetpoint]) -> tuple[Array, Array, Array]:
-    """Path lengths on the contour, m, speeds and feeds, m/s."""
+def _along(setpoints: list[TcpSetpoint]) -> tuple[Array, Array]:
+    """Path lengths on the contour, m, and the part of the feed that is reached there."""
     rows = [(one.path_length, one.vx, one.vy, one.vz, one.feed) for one in setpoints]
     places, vx, vy, vz, feeds = np.array(rows).T
-    return places, np.sqrt(vx * vx + vy * vy + vz * vz), feeds
+    return places, np.sqrt(vx * vx + vy * vy + vz * vz) / feeds
