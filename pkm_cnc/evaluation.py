@@ -27,7 +27,7 @@ from pkm_cnc.contour import (
     line_report,
 )
 from pkm_cnc.errors import InputError
-from pkm_cnc.program import Arc, Element, Line, Program, Toolpath, interpret
+from pkm_cnc.program import Arc, Element, Line, Program, ProgramSource, Toolpath
 from pkm_cnc.records import NANOSECONDS, ContourError, TcpSetpoint
 
 __all__ = ["Evaluation", "evaluate", "setup_of"]
@@ -145,13 +145,8 @@ def _contour(run: Run) -> tuple[list[Element], list[float]]:
 
 
 def _contour_of(reference: Program, setup: Setup) -> Toolpath:
-    return interpret(
-        reference,
-        start=setup.start_pose,
-        zero=setup.program_zero,
-        rapid=setup.motion.rapid,
-        parameters=setup.program,
-    ).contour
+    source = ProgramSource(reference, setup.start_pose, setup.program_zero, setup.motion.rapid, setup.program)
+    return source.toolpath().contour
 
 
 def _led(setpoints: Iterator[TcpSetpoint], starts: list[float], rate: float) -> Iterator[TcpSetpoint]:

@@ -17,6 +17,7 @@ __all__ = [
     "RECORDER",
     "RUN_END",
     "SERVO_FRAMES",
+    "STATUS",
     "TCP_CONTROLLER",
     "WAITING",
     "Topic",
@@ -31,7 +32,7 @@ CONTOUR_MONITOR, RECORDER = "contour_monitor", "recorder"
 TCP_CONTROLLER = "tcp_controller"
 """Only in the graph of a machine whose `tcp_control` is on."""
 ANYONE = "*"
-RUN_END, WAITING = "run_end", "waiting"
+RUN_END, WAITING, STATUS = "run_end", "waiting", "status"
 
 
 SERVO_FRAMES = {
@@ -96,6 +97,9 @@ def topics(axes: Sequence[str], tcp_control: bool = False) -> dict[str, Topic]:
     table = [
         Topic("run_info", _ours("RunInfo"), "", INTERPOLATOR, (RECORDER,)),
         Topic("toolpath/segment", _ours("ToolpathSegment"), "", INTERPOLATOR, (CONTOUR_MONITOR, RECORDER)),
+        Topic("operator/command", _ours("OperatorCommand"), "", INTERPOLATOR, (RECORDER,)),
+        Topic("program/event", _ours("ProgramEvent"), "", INTERPOLATOR, (RECORDER,)),
+        Topic(STATUS, _ours("ControllerStatus"), "", INTERPOLATOR, (RECORDER,)),
         *servo,
         Topic("contour_monitor/segment_summary", _ours("SegmentSummary"), "", *monitor),
         Topic("joint_states", "sensor_msgs/msg/JointState", "", *monitor),

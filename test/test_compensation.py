@@ -43,8 +43,9 @@ def circle(feed, radius=100.0):
 
 def largest_um(setup, program):
     """From the step loop alone, by the largest error of a cycle on what is judged."""
-    toolpath = prepare(setup, program)
-    return 1e6 * judged((cycle.error for cycle in simulated_cycles(setup, toolpath)), toolpath.contour).largest
+    checked = prepare(setup, program)
+    errors = (cycle.error for cycle in simulated_cycles(setup, checked))
+    return 1e6 * judged(errors, checked.toolpath().contour).largest
 
 
 def record(folder, setup, program):
@@ -214,15 +215,15 @@ def test_a_program_pushed_out_of_the_travel():
 
 
 def dense(program):
-    for element in prepare(TRIPOD, program).elements:
+    for element in prepare(TRIPOD, program).toolpath():
         for place in np.linspace(0.0, element.length, 2000):
             yield element, float(place)
 
 
 def test_a_program_that_would_have_to_slow_down():
     program = circle(9000.0, 60.0)
-    toolpath = prepare(TRIPOD, program)
-    run = observe(TRIPOD, toolpath)
+    toolpath = prepare(TRIPOD, program).toolpath()
+    run = observe(TRIPOD, program)
     full = max(range(len(toolpath.elements)), key=lambda index: toolpath.elements[index].length)
     on_it = (run.s > toolpath.starts[full]) & (run.s < toolpath.starts[full + 1])
     fastest = float(np.abs(np.gradient(run.joints, axis=0))[on_it].max()) / TRIPOD.servo_period

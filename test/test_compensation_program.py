@@ -1,6 +1,7 @@
 """The compensated program as a text: what it carries, how near it keeps to the corrected contour, how it keeps time."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -10,13 +11,19 @@ from hypothesis import strategies as st
 from pkm_cnc.compensation.correction import Correction, spans_of
 from pkm_cnc.compensation.writer import DECIMALS, compensated_program
 from pkm_cnc.errors import InputError
-from pkm_cnc.motion import MotionParameters
-from pkm_cnc.program import Program, carried_original, carry_original, interpret, with_reference
-from pkm_cnc.records import TcpSetpoint
+from pkm_cnc.motion import Interpolator, MotionParameters
+from pkm_cnc.program import (
+    Program,
+    ProgramParameters,
+    ProgramSource,
+    carried_original,
+    carry_original,
+    with_reference,
+)
 
 ORIGIN = (0.0, 0.0, 0.0)
 ZERO = (0.01, -0.02, 0.03)
-READING = {"start": ORIGIN, "zero": ZERO, "rapid": 0.2}
+READING = {"start": ORIGIN, "zero": ZERO, "rapid": 0.2, "parameters": ProgramParameters()}
 TEXT = """(a test: {braces})
 G21 G90 G17 M3 S1200
 G0 X10 Y5 Z-30
@@ -35,24 +42,15 @@ ROUNDING = 0.5e-3 * 10.0**-DECIMALS * math.sqrt(3.0)
 def compensated(text=TEXT, size=50e-6, tolerance=1e-8):
     """A program with a wavy correction of `size`, its contour, and the correction."""
     program = Program("part.ngc", text)
-    contour = interpret(program, **READING)
+    contour = ProgramSource(program, **READING).toolpath()
     spans = spans_of(contour, MotionParameters(wait_in_position=True), 20.0, 2e-3)
     s = np.linspace(0.0, contour.length, 3000)
     waves = size * np.stack([np.sin(s / 8e-3), np.cos(s / 9e-3), np.sin(s / 7e-3 + 1.0)], axis=1)
     tangents = np.array([tangent(contour, place) for place in s])
     waves -= (waves * tangents).sum(axis=1)[:, None] * tangents
     correction = Correction.fitted(spans, s, waves)
-    written = compensated_program(program, items(contour), correction, zero=ZERO, tolerance=tolerance)
+    written = compensated_program(program, contour.items(), correction, zero=ZERO, tolerance=tolerance)
     return Program("out.ngc", written), contour, correction
-
-
-def items(contour):
-    events = list(contour.events)
-    for element, start in zip(contour.elements, contour.starts, strict=True):
-        while events and events[0].path_length <= start:
-            yield events.pop(0)
-        yield element
-    yield from events
 
 
 def place_of(contour, s):
@@ -65,25 +63,38 @@ def tangent(contour, s):
     return element.tangent(place)
 
 
+class Where(NamedTuple):
+    segment: int
+    path_length: float
+    rate: float
+
+
+def placed(toolpath, contour):
+    """The motions of a compensated program with where they belong, by the comments before them."""
+    number = {element: index for index, element in enumerate(contour.elements)}
+    for element in toolpath:
+        (place,) = element.places
+        segment = number[place.element]
+        yield element, Where(segment, contour.starts[segment] + place.offset, place.rate)
+
+
 def without_comments(text):
     return "\n".join(line for line in text.splitlines() if not line.startswith("(pkm_cnc"))
 
 
 def test_it_carries_the_original_whose_contour_counts():
     program, contour, _ = compensated()
-    toolpath = interpret(program, **READING)
+    toolpath = ProgramSource(program, **READING).toolpath()
     assert toolpath.contour.elements == contour.elements
     assert carried_original(program).text.splitlines()[1:] == TEXT.splitlines()[1:]
-    assert [event[:2] + event[3:] for event in toolpath.events] != []
-    kinds = [event.kind for event in toolpath.events if event.kind != "contour_element"]
-    assert kinds == [event.kind for event in contour.events]
+    assert [event.kind for event in toolpath.events] == [event.kind for event in contour.events]
 
 
 def test_a_machine_that_ignores_comments_moves_alike():
     program, _, _ = compensated()
-    bare = interpret(Program("bare.ngc", without_comments(program.text)), **READING)
-    whole = interpret(program, **READING)
-    assert bare.original is None
+    bare = ProgramSource(Program("bare.ngc", without_comments(program.text)), **READING).toolpath()
+    whole = ProgramSource(program, **READING).toolpath()
+    assert not any(element.places for element in bare)
     assert [(one.start, one.end, one.feed, one.length) for one in bare] == [
         (one.start, one.end, one.feed, one.length) for one in whole
     ]
@@ -91,12 +102,12 @@ def test_a_machine_that_ignores_comments_moves_alike():
 
 def test_every_motion_has_the_line_of_the_original():
     program, contour, _ = compensated()
-    toolpath = interpret(program, **READING)
+    toolpath = ProgramSource(program, **READING).toolpath()
     for line in program.text.splitlines():
         if line.startswith("N"):
             number = int(line[1:].split()[0])
             assert number in {element.line for element in contour.elements}
-    owners = [contour.elements[place.segment].line for place in toolpath.places]
+    owners = [element.places[0].element.line for element in toolpath]
     lines = [int(program.text.splitlines()[one.line - 1][1:].split()[0]) for one in toolpath]
     assert owners == lines
 
@@ -104,9 +115,9 @@ def test_every_motion_has_the_line_of_the_original():
 @pytest.mark.parametrize("tolerance", [1e-8, 1e-6])
 def test_the_written_path_keeps_the_tolerance(tolerance):
     program, contour, correction = compensated(tolerance=tolerance)
-    toolpath = interpret(program, **READING)
+    toolpath = ProgramSource(program, **READING).toolpath()
     worst = 0.0
-    for element, place in zip(toolpath.elements, toolpath.places, strict=True):
+    for element, place in placed(toolpath, contour):
         if contour.elements[place.segment].traverse:
             continue
         for part in (0.0, 0.25, 0.5, 1.0):
@@ -129,9 +140,9 @@ def on_curve(contour, correction, s):
 
 def test_the_mean_distance_is_zero():
     program, contour, correction = compensated(tolerance=1e-6)
-    toolpath = interpret(program, **READING)
+    toolpath = ProgramSource(program, **READING).toolpath()
     normals = []
-    for element, place in zip(toolpath.elements, toolpath.places, strict=True):
+    for element, place in placed(toolpath, contour):
         if place.segment != 1:  # a line of the original
             continue
         for part in np.linspace(0.025, 0.975, 20):
@@ -147,9 +158,9 @@ def test_the_mean_distance_is_zero():
 
 def test_every_element_takes_the_time_that_it_took():
     program, contour, _ = compensated()
-    toolpath = interpret(program, **READING)
+    toolpath = ProgramSource(program, **READING).toolpath()
     time = np.zeros(len(contour.elements))
-    for element, place in zip(toolpath.elements, toolpath.places, strict=True):
+    for element, place in placed(toolpath, contour):
         time[place.segment] += element.length / element.feed
     wanted = [element.length / element.feed for element in contour.elements]
     np.testing.assert_allclose(time, wanted, rtol=1e-7)
@@ -157,10 +168,10 @@ def test_every_element_takes_the_time_that_it_took():
 
 def test_without_a_correction_the_motion_is_the_original():
     program = Program("part.ngc", TEXT)
-    contour = interpret(program, **READING)
+    contour = ProgramSource(program, **READING).toolpath()
     spans = spans_of(contour, MotionParameters(), 20.0, 2e-3)
-    text = compensated_program(program, items(contour), Correction.none(spans), zero=ZERO, tolerance=1e-8)
-    again = interpret(Program("out.ngc", text), **READING)
+    text = compensated_program(program, contour.items(), Correction.none(spans), zero=ZERO, tolerance=1e-8)
+    again = ProgramSource(Program("out.ngc", text), **READING).toolpath()
     assert len(again.elements) == len(contour.elements)
     for one, other in zip(again, contour, strict=True):
         np.testing.assert_allclose([one.start, one.end], [other.start, other.end], atol=1e-10)
@@ -170,20 +181,19 @@ def test_without_a_correction_the_motion_is_the_original():
 
 def test_path_modes_stay_at_the_ends_of_elements_and_lines_are_not_joined():
     program, contour, _ = compensated("G64 P0.02 Q0.01\nG1 X30 F3000\nY20\nG61.1 X0\nM2\n")
-    toolpath = interpret(program, **READING)
-    for element, after in zip(toolpath.places, [*toolpath.places[1:], None], strict=True):
-        mode = toolpath.elements[toolpath.places.index(element)].path_mode
-        last = after is None or after.segment != element.segment
-        wanted = contour.elements[element.segment].path_mode.code if last else "G61"
-        assert mode.code == wanted
-        assert not mode.naive_cam
+    toolpath = ProgramSource(program, **READING).toolpath()
+    motions = list(placed(toolpath, contour))
+    for (element, place), after in zip(motions, [*(where for _, where in motions[1:]), None], strict=True):
+        last = after is None or after.segment != place.segment
+        assert element.path_mode.code == (contour.elements[place.segment].path_mode.code if last else "G61")
+        assert not element.path_mode.naive_cam
 
 
 def test_marks_that_do_not_fit_are_refused():
     program, _, _ = compensated()
     changed = Program("out.ngc", program.text.replace("(pkm_cnc element: 2)", "(pkm_cnc element: 3)"))
     with pytest.raises(InputError, match=r"out\.ngc: its element comments do not go through"):
-        interpret(changed, **READING)
+        list(ProgramSource(changed, **READING).items())
 
 
 def test_a_correction_as_steep_as_a_wall_is_refused():
@@ -193,13 +203,17 @@ def test_a_correction_as_steep_as_a_wall_is_refused():
 
 def test_a_reference_is_carried_behind_and_leads_by_length():
     run = with_reference(Program("a.ngc", "G1 X100 F1000\nX200\nM2\n"), Program("b.ngc", "G1 X50 F1000\nX200\nM2\n"))
-    toolpath = interpret(run, start=ORIGIN, zero=ORIGIN, rapid=0.2)
+    toolpath = ProgramSource(run, ORIGIN, ORIGIN, 0.2, ProgramParameters()).toolpath()
     assert [element.line for element in toolpath] == [1, 2]
-    rests = (0.0,) * 9
-    for motion, path_length, segment in ((0, 0.0, 0), (0, 0.04, 0), (0, 0.08, 1), (1, 0.1, 1), (1, 0.2, 1)):
-        on_contour = toolpath.on_contour(TcpSetpoint(*rests, path_length, 0.1, motion, 0))
-        assert (on_contour.segment, on_contour.path_length) == (segment, pytest.approx(path_length))
-    assert toolpath.contour.elements[0].length == pytest.approx(0.05)
+    assert [element.length for element in toolpath.contour] == pytest.approx([0.05, 0.15])
+    interpolator = Interpolator(toolpath, MotionParameters(), 0.001)
+    segments = []
+    while not interpolator.finished:
+        setpoint = interpolator.step()
+        segments += interpolator.take_segments()
+        assert setpoint.path_length == pytest.approx(setpoint.x, abs=1e-12)
+        assert setpoint.segment == (0 if setpoint.x < 0.05 else 1)
+    assert [(number, element.line, begin) for number, element, begin in segments] == [(0, 1, 0.0), (1, 2, 0.05)]
 
 
 @settings(derandomize=True, max_examples=50)

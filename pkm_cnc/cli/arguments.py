@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 from pathlib import Path
 
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.errors import InputError
-from pkm_cnc.program import Program, Toolpath, read_program, with_reference
+from pkm_cnc.program import Program, read_program, with_reference
 from pkm_cnc.report import write_whole
 
 __all__ = [
     "add_bag",
+    "add_from_line",
     "add_machine",
     "add_program",
     "add_reference",
@@ -21,7 +21,6 @@ __all__ = [
     "print_bag",
     "program_of",
     "setup_of",
-    "tell_events",
     "write_text",
 ]
 
@@ -70,6 +69,23 @@ def add_bag(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--bag", required=True, metavar="DIR", help="folder of the bag; must not exist")
 
 
+def add_from_line(parser: argparse.ArgumentParser) -> None:
+    """Add --from-line."""
+    parser.add_argument(
+        "--from-line",
+        type=_line_number,
+        default=0,
+        metavar="N",
+        help="begin at the first motion of line N or after it",
+    )
+
+
+def _line_number(text: str) -> int:
+    if not text.isdecimal() or not 0 < int(text) < 2**31:
+        raise argparse.ArgumentTypeError(f"{text!r} is not the number of a line")
+    return int(text)
+
+
 def print_bag(bag: str, machine: float, wall: float) -> None:
     """Say what was recorded: machine time and wall time in s."""
     print(f"bag {bag}: {machine:.3f} s of machine time in {wall:.1f} s ({machine / wall:.2f} x real time)")
@@ -78,18 +94,6 @@ def print_bag(bag: str, machine: float, wall: float) -> None:
 def setup_of(arguments: argparse.Namespace) -> Setup:
     """The machine that --machine and --set name. Raises InputError."""
     return load_setup(arguments.machine, arguments.set)
-
-
-def tell_events(program: Program, toolpath: Toolpath) -> None:
-    """Say on stderr what a program asks for besides motion and its end, because no run acts on it."""
-    ignored = [event for event in toolpath.events if event.kind != "program_end"]
-    if ignored:
-        line, what = ignored[0].line, ignored[0].kind.replace("_", " ")
-        others = f" (and {len(ignored) - 1} more)" if len(ignored) > 1 else ""
-        print(
-            f"pkm_cnc: {program.name}:{line}: {what}{others}: not acted on, the motion alone is run; check lists them",
-            file=sys.stderr,
-        )
 
 
 def make_folder(folder: Path) -> None:

@@ -17,6 +17,7 @@ from pkm_cnc.cli import (
     experiment,
     kinematics,
     program,
+    replay,
     reproduce,
     run,
     simulate,
@@ -26,7 +27,19 @@ from pkm_cnc.errors import PkmError
 
 __all__ = ["main"]
 
-SUBCOMMANDS = (program, check, run, simulate, evaluate, compensate, calibrate, kinematics, experiment, reproduce)
+SUBCOMMANDS = (
+    program,
+    check,
+    run,
+    simulate,
+    replay,
+    evaluate,
+    compensate,
+    calibrate,
+    kinematics,
+    experiment,
+    reproduce,
+)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 
 from pkm_cnc.array_path import linear, respond
 from pkm_cnc.bag import Run
+from pkm_cnc.check import prepare
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import ContourTracker, in_position, judged_range
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
 from pkm_cnc.evaluation import evaluate, setup_of
 from pkm_cnc.motion import Interpolator
-from pkm_cnc.program import Toolpath
+from pkm_cnc.program import Program, ProgramSource, Toolpath
 from pkm_cnc.records import ContourError, TcpSetpoint, Vector
 from pkm_cnc.simulation import simulated_cycles
 
-__all__ = ["ErrorFigures", "Observation", "judged", "observe", "recorded", "setpoints_of"]
+__all__ = ["ErrorFigures", "Observation", "judged", "observe", "recorded", "setpoints_of", "toolpath_of"]
 
 Array = NDArray[np.float64]
 
@@ -81,24 +82,31 @@ def judged(errors: Iterable[ContourError], contour: Toolpath) -> ErrorFigures:
 
 
 def setpoints_of(setup: Setup, toolpath: Toolpath) -> list[TcpSetpoint]:
-    """The setpoints of a run that never waits, with segment and path length of the contour."""
+    """The setpoints of a run that never waits, with segment and path length of the contour that counts."""
     interpolator = Interpolator(toolpath, setup.motion, setup.servo_period, setup.drive_limits)
     setpoints = []
     while not interpolator.finished:
-        setpoints.append(toolpath.on_contour(interpolator.step()))
+        setpoints.append(interpolator.step())
     return setpoints
 
 
-def observe(setup: Setup, toolpath: Toolpath) -> Observation:
-    """Run a checked toolpath: as arrays where the machine is linear and does not wait on its way, else step by step.
+def observe(setup: Setup, program: Program) -> Observation:
+    """Run a program: as arrays where the machine is linear and does not wait on its way, else step by step.
 
-    Raises MachineFault.
+    The array path does not check it. Raises MachineFault, and InputError as `check.prepare`.
     """
     try:
         linear(setup)
     except InputError:
-        return _by_steps(setup, toolpath)
-    return _by_steps(setup, toolpath) if setup.motion.wait_in_position else _by_arrays(setup, toolpath)
+        return _by_steps(setup, program)
+    if setup.motion.wait_in_position:
+        return _by_steps(setup, program)
+    return _by_arrays(setup, toolpath_of(setup, program))
+
+
+def toolpath_of(setup: Setup, program: Program) -> Toolpath:
+    """All motions of a program, each with its place on the contour that counts. Raises as `check.prepare`."""
+    return ProgramSource(program, setup.start_pose, setup.program_zero, setup.motion.rapid, setup.program).toolpath()
 
 
 def _by_arrays(setup: Setup, toolpath: Toolpath) -> Observation:
@@ -133,9 +141,9 @@ def _by_arrays(setup: Setup, toolpath: Toolpath) -> Observation:
     return _observation(setpoints[:count], joints[:count], actual[:count], errors)
 
 
-def _by_steps(setup: Setup, toolpath: Toolpath) -> Observation:
+def _by_steps(setup: Setup, program: Program) -> Observation:
     setpoints, joints, actual, errors = [], [], [], []
-    for cycle in simulated_cycles(setup, toolpath):
+    for cycle in simulated_cycles(setup, prepare(setup, program)):
         setpoints.append(cycle.setpoint)
         joints.append([setpoint.position for setpoint in cycle.axis_setpoints])
         actual.append([state.position for state in cycle.states])

@@ -16,13 +16,21 @@ from pkm_cnc.bag import Run
 from pkm_cnc.check import prepare
 from pkm_cnc.compensation.correction import Correction, across, spans_of
 from pkm_cnc.compensation.methods import METHODS, Method, Situation
-from pkm_cnc.compensation.observation import ErrorFigures, Observation, judged, observe, recorded, setpoints_of
+from pkm_cnc.compensation.observation import (
+    ErrorFigures,
+    Observation,
+    judged,
+    observe,
+    recorded,
+    setpoints_of,
+    toolpath_of,
+)
 from pkm_cnc.compensation.writer import compensated_program
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import ContourTracker
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
 from pkm_cnc.parameters import parameter
-from pkm_cnc.program import Program, Toolpath, carried_original, interpret, read_elements
+from pkm_cnc.program import Program, Toolpath, carried_original
 from pkm_cnc.records import TcpSetpoint
 
 __all__ = ["Compensated", "CompensationOptions", "Pass", "compensate"]
@@ -141,7 +149,8 @@ class _Work:
         self.setup, self.model, self.options, self.method = setup, model, options, method
         self.given = program
         self.original = carried_original(program) or program
-        self.toolpath = prepare(setup, program)
+        prepare(setup, program)
+        self.toolpath = toolpath_of(setup, program)
         self.contour = self.toolpath.contour
         kv = min(parts.drive.kv for parts in setup.axes.values())
         self.spans = spans_of(self.contour, setup.motion, kv, options.spacing_mm * 1e-3)
@@ -150,19 +159,19 @@ class _Work:
         self.correction = self._carried()
 
     def from_model(self, name: str) -> Compensated:
-        run = self._run(self.toolpath)
+        run = self._run(self.given)
         before = judged(run.errors, self.contour)
         correction, done = self.correction, []
-        best: tuple[float, Program, Toolpath] | None = None
+        best: tuple[float, Program] | None = None
         for _ in range(self.options.iterations if self.method.learns else 1):
             correction = self.method.learn(self._situation(correction, [run]))
-            program, toolpath = self._written(correction, f"by {name} from the model")
-            run = self._run(toolpath)
+            program = self._written(correction, f"by {name} from the model")
+            run = self._run(program)
             done.append(Pass(correction.size(), judged(run.errors, self.contour)))
             size = done[-1].figures.largest
             last = done[-2].figures.largest if len(done) > 1 else before.largest
             if best is None or size < best[0]:
-                best = (size, program, toolpath)
+                best = (size, program)
             if not abs(last - size) > self.options.until_um * 1e-6 or size > 2.0 * last:
                 break
         assert best is not None
@@ -172,20 +181,20 @@ class _Work:
                 f"{before.largest * 1e6:.4g} um: a smaller gain or a lower feed helps"
             )
         chosen = next(place for place, one in enumerate(done) if one.figures.largest == best[0])
-        return Compensated(best[1], self._checked(best[1], best[2]), before, tuple(done), chosen)
+        return Compensated(best[1], self._checked(best[1]), before, tuple(done), chosen)
 
     def from_bags(self, runs: list[Observation], name: str) -> Compensated:
         """One pass; predicted is what the model says of the change, added to what the bags hold."""
         errors = [error for run in runs for error in run.errors]
         before = judged(errors, self.contour)
         correction = self.method.learn(self._situation(self.correction, runs))
-        program, toolpath = self._written(correction, f"by {name} from bags: {len(runs)}")
-        figures = self._predicted(runs, toolpath)
-        return Compensated(program, self._checked(program, toolpath), before, (Pass(correction.size(), figures),), 0)
+        program = self._written(correction, f"by {name} from bags: {len(runs)}")
+        figures = self._predicted(runs, program)
+        return Compensated(program, self._checked(program), before, (Pass(correction.size(), figures),), 0)
 
-    def _predicted(self, runs: list[Observation], toolpath: Toolpath) -> ErrorFigures:
+    def _predicted(self, runs: list[Observation], program: Program) -> ErrorFigures:
         """The errors of the bags with the change that the model makes of the one program for the other."""
-        old, new = self._run(self.toolpath), self._run(toolpath)
+        old, new = self._run(self.given), self._run(program)
         change = Correction.fitted(self.spans, *new.error_vectors()).plus(
             Correction.fitted(self.spans, *old.error_vectors()), -1.0
         )
@@ -203,36 +212,26 @@ class _Work:
     def _situation(self, correction: Correction, runs: list[Observation]) -> Situation:
         return Situation(self.contour, self.model, correction, runs, self.options.gain, self.options.cutoff_hz)
 
-    def _run(self, toolpath: Toolpath) -> Observation:
+    def _run(self, program: Program) -> Observation:
         try:
-            return observe(self.model, toolpath)
+            return observe(self.model, program)
         except (MachineFault, UnreachableError) as fault:
             raise InputError(f"{self.given.name}: the model cannot run it: {fault}") from None
 
-    def _reading(self) -> dict[str, object]:
-        setup = self.setup
-        return {
-            "start": setup.start_pose,
-            "zero": setup.program_zero,
-            "rapid": setup.motion.rapid,
-            "parameters": setup.program,
-        }
-
-    def _written(self, correction: Correction, how: str) -> tuple[Program, Toolpath]:
+    def _written(self, correction: Correction, how: str) -> Program:
         text = compensated_program(
             self.original,
-            read_elements(self.original, **self._reading()),  # type: ignore[arg-type]
+            toolpath_of(self.setup, self.original).items(),
             correction,
             zero=self.setup.program_zero,
             tolerance=self.options.tolerance_um * 1e-6,
             remarks=[f"pkm_cnc: compensated {how} for {self.setup.machine_name}"],
         )
-        program = Program(self.given.name, text)
-        return program, interpret(program, **self._reading())  # type: ignore[arg-type]
+        return Program(self.given.name, text)
 
     def _carried(self) -> Correction:
         """The correction that the given program has already."""
-        if self.toolpath.original is None:
+        if self.original is self.given:
             return Correction.none(self.spans)
         tracker = ContourTracker()
         for index, (element, start) in enumerate(zip(self.contour.elements, self.contour.starts, strict=True)):
@@ -249,12 +248,13 @@ class _Work:
         places = np.array([error.path_length for error in errors])
         return Correction.fitted(self.spans, places, vectors, faded=True)
 
-    def _checked(self, program: Program, toolpath: Toolpath) -> Toolpath:
+    def _checked(self, program: Program) -> Toolpath:
         """The toolpath, checked like any other, and not slower than the original."""
         try:
             prepare(self.setup, program)
         except InputError as error:
             raise InputError(f"compensated, {error}") from None
+        toolpath = toolpath_of(self.setup, program)
         self._refuse_slower(toolpath)
         return toolpath
 

@@ -19,15 +19,22 @@ BEFORE = 2
 """Setpoints before the first that is judged: the jerk of a cycle takes three."""
 
 
-def slow_downs(setpoints: Sequence[TcpSetpoint], motion: MotionParameters, drives: DriveLimits, period: float) -> Array:
+def slow_downs(
+    setpoints: Sequence[TcpSetpoint],
+    motion: MotionParameters,
+    drives: DriveLimits,
+    period: float,
+    scales: Array | float = 1.0,
+) -> Array:
     """By what factor the time of each setpoint but the first two must be stretched to keep all limits; shape (k - 2,).
 
     Stretched by f, speeds fall by f, accelerations by f^2 and jerks by f^3. 1 or less: kept. Speed and acceleration of
     a drive are those of the setpoint, and what the speed changes by from cycle to cycle; a jerk is what the latter
-    changes by, also of the TCP, as a vector. Raises UnreachableError for a place outside the workspace.
+    changes by, also of the TCP, as a vector. `scales` are the overrides of the feed, of each setpoint (k,) or of all.
+    Raises UnreachableError for a place outside the workspace.
     """
     table = np.array([setpoint[:9] for setpoint in setpoints])
-    feeds = np.array([setpoint.feed for setpoint in setpoints])
+    feeds = np.array([setpoint.feed for setpoint in setpoints]) * scales
     velocity, acceleration = table[:, 3:6], table[:, 6:9]
     _, speed, rate = drives.motion(table[:, 0:3], velocity, acceleration)
     change = np.diff(speed, axis=0) / period

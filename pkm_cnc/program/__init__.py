@@ -12,7 +12,22 @@ from pkm_cnc.program.interpreter import (
     read_motions,
 )
 from pkm_cnc.program.original import carried_original, carry_original, element_comment, with_reference
-from pkm_cnc.program.toolpath import EXACT_PATH, Arc, Element, Event, Line, PathMode, Place, Plane, Toolpath
+from pkm_cnc.program.source import ProgramSource, approach
+from pkm_cnc.program.toolpath import (
+    EXACT_PATH,
+    Arc,
+    Element,
+    Event,
+    EventKind,
+    Line,
+    Numbering,
+    PathMode,
+    Place,
+    Plane,
+    Spot,
+    Toolpath,
+    Totals,
+)
 
 __all__ = [
     "EXACT_PATH",
@@ -21,15 +36,21 @@ __all__ = [
     "ArcFeed",
     "Element",
     "Event",
+    "EventKind",
     "Line",
     "Motion",
+    "Numbering",
     "PathMode",
     "Place",
     "Plane",
     "Program",
     "ProgramError",
     "ProgramParameters",
+    "ProgramSource",
+    "Spot",
     "Toolpath",
+    "Totals",
+    "approach",
     "canonical_events",
     "canonical_motion",
     "carried_original",

@@ -34,7 +34,7 @@ def canonical_events(items: Iterable[Motion | Event]) -> list[dict[str, Any]]:
         | ({} if item.value is None else {"value": item.value})
         | ({"text": item.text} if item.text else {})
         for item in items
-        if isinstance(item, Event) and item.kind != "contour_element"
+        if isinstance(item, Event)
     ]
 
 

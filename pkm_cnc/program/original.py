@@ -8,28 +8,37 @@ ignores both. Where there are no such marks, the motions go along the contour by
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Sequence
-from itertools import accumulate
+import dataclasses
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.program.blocks import Program
-from pkm_cnc.program.toolpath import Place, Toolpath
+from pkm_cnc.program.toolpath import Element, Event, Place
 from pkm_cnc.tolerances import TIE
 
 __all__ = [
+    "Mark",
     "carried_original",
     "carry_original",
     "element_comment",
     "element_of_comment",
-    "places_by_element",
-    "places_by_length",
+    "is_marked",
+    "led_by_length",
+    "led_by_marks",
+    "with_reference",
 ]
 
 _ORIGINAL = "(pkm_cnc original:"
 _ELEMENT = "(pkm_cnc element:"
 _TO_COMMENT = str.maketrans("(){}", "{}[]")
 _FROM_COMMENT = str.maketrans("{}", "()")
+
+
+class Mark(NamedTuple):
+    """Among the items of a program: what follows stands for this element of the original contour, counted from 0."""
+
+    element: int
 
 
 def carry_original(program: Program) -> list[str]:
@@ -55,6 +64,11 @@ def carried_original(program: Program) -> Program | None:
     return Program(program.name, text + "\n")
 
 
+def is_marked(program: Program) -> bool:
+    """Whether it tells which of its motions stands for which element of the original."""
+    return f"\n{_ELEMENT}" in program.text
+
+
 def element_comment(index: int) -> str:
     """The comment before the motions that stand for element `index` of the original contour."""
     return f"{_ELEMENT} {index})"
@@ -68,33 +82,66 @@ def element_of_comment(comment: str) -> int | None:
     return int(number) if number.isascii() and number.isdecimal() else None
 
 
-def places_by_element(name: str, lengths: Sequence[float], owners: Sequence[int], contour: Toolpath) -> list[Place]:
-    """Where on `contour` each motion belongs: motion j, `lengths[j]` m long, stands for part of element `owners[j]`.
+def led_by_marks(
+    items: Iterable[Element | Event | Mark], contour: Iterable[Element], name: str
+) -> Iterator[Element | Event]:
+    """The motions of a compensated program, called `name`, each with its place on the `contour` that it carries.
 
-    Raises InputError, calling the program `name`, for owners that skip an element, turn back or are none of it.
+    Raises InputError for marks that do not go through the elements of the contour one by one.
     """
-    count = len(contour.elements)
-    steps = [after - before for before, after in zip([-1, *owners], [*owners, count - 1], strict=True)]
-    if any(step not in (0, 1) for step in steps) or steps[0] != 1 or steps[-1] != 0:
-        raise InputError(
-            f"part program {name}: its element comments do not go through the {count} elements of the original that it "
-            "carries one by one: it was changed by hand, or made for a machine with another start pose"
-        )
-    total = [0.0] * count
-    for length, owner in zip(lengths, owners, strict=True):
-        total[owner] += length
-    places = []
-    done, last = 0.0, -1
-    for length, owner in zip(lengths, owners, strict=True):
-        done = done if owner == last else 0.0
-        rate = contour.elements[owner].length / total[owner]
-        places.append(Place(owner, contour.starts[owner] + done * rate, rate))
-        done, last = done + length, owner
-    return places
+    reason = (
+        f"part program {name}: its element comments do not go through the original that it carries one by one: it was "
+        "changed by hand, or made for a machine with another start pose"
+    )
+    elements = iter(contour)
+    count = 0
+    owner: Element | None = None
+    group: list[Element | Event] = []
+    for item in items:
+        if isinstance(item, Mark):
+            yield from _led_along(owner, group)
+            owner, group = next(elements, None), []
+            if owner is None or item.element != count:
+                raise InputError(reason)
+            count += 1
+        elif owner is None and not isinstance(item, Event):
+            raise InputError(reason)
+        else:
+            group.append(item)
+    yield from _led_along(owner, group)
+    if next(elements, None) is not None:
+        raise InputError(reason)
 
 
-def places_by_length(lengths: Sequence[float], contour: Toolpath) -> list[Place]:
-    """Where on `contour` each motion belongs if nothing but the order is known: by its share of the path length."""
-    starts = [0.0, *accumulate(lengths)]
-    rate = contour.length / starts.pop()
-    return [Place(bisect_right(contour.starts, rate * start + TIE) - 1, rate * start, rate) for start in starts]
+def _led_along(owner: Element | None, group: list[Element | Event]) -> Iterator[Element | Event]:
+    """`group` with each motion's place on `owner`, by its share of their length."""
+    total = sum(item.length for item in group if not isinstance(item, Event))
+    done = 0.0
+    for item in group:
+        if isinstance(item, Event) or owner is None:
+            yield item
+            continue
+        rate = owner.length / total
+        yield dataclasses.replace(item, places=(Place(0.0, owner, done * rate, rate),))
+        done += item.length
+
+
+def led_by_length(
+    items: Iterable[Element | Event], contour: Iterable[Element], rate: float
+) -> Iterator[Element | Event]:
+    """Motions that go along a contour that is `rate` times as long as they are, each with its places on it."""
+    elements = iter(contour)
+    element, offset = next(elements), 0.0
+    for item in items:
+        if isinstance(item, Event):
+            yield item
+            continue
+        if offset >= element.length - TIE and (following := next(elements, None)) is not None:
+            element, offset = following, 0.0
+        places, s = [Place(0.0, element, offset, rate)], 0.0
+        offset += rate * item.length
+        while offset > element.length + TIE and (following := next(elements, None)) is not None:
+            offset -= element.length
+            element, s = following, item.length - offset / rate
+            places.append(Place(s, element, 0.0, rate))
+        yield dataclasses.replace(item, places=tuple(places))
