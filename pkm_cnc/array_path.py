@@ -27,7 +27,7 @@ from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.plant.velocity_loop import exact_discretisation
 from pkm_cnc.servo import CASCADE_STATES, DriveParameters, cascade_state_space, filter_step
 
-__all__ = ["AxisResponse", "linear", "respond"]
+__all__ = ["AxisResponse", "axis_loop", "linear", "respond"]
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ def respond(setup: Setup, axis: str, position: ArrayLike, velocity: ArrayLike, a
     delayed = _delayed(drive, period, commanded, speed)
     increment = np.diff(delayed, axis=-1, append=delayed[..., -1:])
     feed_forward = drive.velocity_feed_forward * speed + drive.acceleration_feed_forward * change_of_speed
-    system = _axis_loop(drive, setup.axes[axis].screw.pitch, period)
+    system = axis_loop(drive, setup.axes[axis].screw.pitch, period)
     behind, slider_velocity = _run(system, np.stack([increment, feed_forward], axis=-1))
     tracking_error = (commanded - delayed) + behind
     _supervise(axis, drive, tracking_error)
@@ -150,7 +150,7 @@ class _System(NamedTuple):
     C: Array
 
 
-def _axis_loop(drive: DriveParameters, pitch: float, period: float) -> _System:
+def axis_loop(drive: DriveParameters, pitch: float, period: float) -> _System:
     """Inputs: increment of the delayed setpoint to the next cycle, m, and feed-forward to the velocity command, m/s.
 
     Outputs: delayed setpoint less slider, m, and slider velocity, m/s. Each signal is a row: its coefficients over

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.errors import InputError
+from pkm_cnc.program import Program, read_program, with_reference
 from pkm_cnc.report import write_whole
 
 __all__ = [
@@ -15,8 +16,10 @@ __all__ = [
     "add_from_line",
     "add_machine",
     "add_program",
+    "add_reference",
     "make_folder",
     "print_bag",
+    "program_of",
     "setup_of",
     "write_text",
 ]
@@ -44,6 +47,21 @@ def add_program(parser: argparse.ArgumentParser) -> None:
     """Add PROGRAM and the machine that it is for."""
     parser.add_argument("program", metavar="PROGRAM", help="part program (RS-274, mm)")
     add_machine(parser)
+
+
+def add_reference(parser: argparse.ArgumentParser) -> None:
+    """Add the program whose contour counts."""
+    parser.add_argument(
+        "--reference",
+        metavar="FILE",
+        help="part program whose contour the run is judged by, in the same order (PROGRAM, or what it was made from)",
+    )
+
+
+def program_of(arguments: argparse.Namespace) -> Program:
+    """PROGRAM, with --reference, if there is one. Raises InputError."""
+    program = read_program(arguments.program)
+    return with_reference(program, read_program(arguments.reference)) if arguments.reference else program
 
 
 def add_bag(parser: argparse.ArgumentParser) -> None:

@@ -9,9 +9,8 @@ from typing import Any
 
 from pkm_cnc.bag import BagWriter
 from pkm_cnc.check import prepare
-from pkm_cnc.cli.arguments import add_bag, add_from_line, add_program, print_bag, setup_of
+from pkm_cnc.cli.arguments import add_bag, add_from_line, add_program, add_reference, print_bag, program_of, setup_of
 from pkm_cnc.cli.progress import live_line
-from pkm_cnc.program import read_program
 from pkm_cnc.run_messages import RunOptions
 from pkm_cnc.simulation import simulate
 from pkm_cnc.topics import recorded_topics
@@ -23,6 +22,7 @@ def add_parser(subparsers: Any) -> None:
     """Add the subcommand."""
     parser = subparsers.add_parser("simulate", help="the same steps without ROS, the same bag")
     add_program(parser)
+    add_reference(parser)
     add_bag(parser)
     add_from_line(parser)
     parser.set_defaults(action=_simulate)
@@ -30,7 +30,7 @@ def add_parser(subparsers: Any) -> None:
 
 def _simulate(arguments: argparse.Namespace) -> None:
     setup = setup_of(arguments)
-    program = read_program(arguments.program)
+    program = program_of(arguments)
     options = RunOptions(from_line=arguments.from_line)
     checked = prepare(setup, program, options.from_line)
     gc.freeze()  # what is there by now stays: without looking at it the garbage collector costs a fifth less

@@ -72,7 +72,7 @@ def simulated(setup: Setup, program: Program) -> Trial:
         summaries.update((summary.segment, summary) for summary in cycle.summaries)
     by_axis = np.array(axes).reshape(-1, len(setup.axes), 6)
     believed, true = np.array(tcp).reshape(-1, 2, 3).swapaxes(0, 1)
-    toolpath = checked.toolpath()
+    toolpath = checked.toolpath().contour
     evaluation = Evaluation(
         machine=setup.machine_name,
         servo_period=setup.servo_period,

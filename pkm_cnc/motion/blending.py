@@ -22,7 +22,7 @@ from itertools import pairwise
 
 from pkm_cnc.motion.limits import MotionParameters
 from pkm_cnc.motion.piece import Curve, Mark, Piece
-from pkm_cnc.program import Arc, Element, Event, Line, PathMode
+from pkm_cnc.program import Arc, Element, Event, Line, Numbering, PathMode
 from pkm_cnc.records import Vector
 from pkm_cnc.tolerances import TIE, ZERO_LENGTH
 
@@ -86,21 +86,19 @@ def _joined(
     items: Iterable[Element | Event], parameters: MotionParameters, index: int, start: float
 ) -> Iterator[Piece]:
     """One piece for each element, or for the lines that G64 Q joins; with `stop` where an event wants it."""
+    numbering = Numbering(index, start)
     held: list[Element] = []
     for item in items:
         if isinstance(item, Event) and item.kind in PASSED_EVENTS:
             continue
         if held and (isinstance(item, Event) or not _in_line(held, item, parameters)):
-            piece = _piece(held, index, start)
+            piece = _piece(held, numbering)
             yield dataclasses.replace(piece, stop=True) if isinstance(item, Event) else piece
-            index += len(held)
-            for done in held:
-                start += done.length
             held = []
         if not isinstance(item, Event):
             held.append(item)
     if held:
-        yield _piece(held, index, start)
+        yield _piece(held, numbering)
 
 
 def _tolerances(mode: PathMode, parameters: MotionParameters) -> tuple[float, float]:
@@ -136,17 +134,18 @@ def _in_line(held: list[Element], element: Element, parameters: MotionParameters
     return True
 
 
-def _piece(held: list[Element], index: int, start: float) -> Piece:
+def _piece(held: list[Element], numbering: Numbering) -> Piece:
     shape = held[0]
     if len(held) == 1:
-        marks = [Mark(0.0, index, start, 1.0, shape.line)]
+        marks = [Mark(spot.s, spot.number, spot.path_length, spot.rate, shape.line) for spot in numbering.spots(shape)]
     else:
         shape = Line(shape.line, shape.start, held[-1].end, shape.feed, False, shape.evaluated)
         knots = [0.0, *(shape.nearest(one.end, 0.0) for one in held)]
         marks = []
-        for offset, (one, (s0, s1)) in enumerate(zip(held, pairwise(knots), strict=True)):
-            marks.append(Mark(s0, index + offset, start, one.length / (s1 - s0), one.line))
-            start += one.length
+        for one, (s0, s1) in zip(held, pairwise(knots), strict=True):
+            rate = one.length / (s1 - s0)
+            for spot in numbering.spots(one):
+                marks.append(Mark(s0 + spot.s / rate, spot.number, spot.path_length, spot.rate * rate, one.line))
     first = held[0]
     return Piece(shape, 0.0, shape.length, first.feed, first.line, tuple(marks), first.path_mode, first.traverse)
 

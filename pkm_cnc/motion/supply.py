@@ -6,13 +6,13 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from pkm_cnc.program import Element, Event
+from pkm_cnc.program import Element, Event, Numbering
 
 __all__ = ["Segment", "Supply"]
 
 
 class Segment(NamedTuple):
-    """Element `number` of a run, counted from 0; `path_start` m is the path length at its start."""
+    """Element `number` of the contour that a run is judged by, counted from 0, and the path length at its start, m."""
 
     number: int
     element: Element
@@ -27,20 +27,25 @@ class Supply:
 
     def __init__(self, items: Iterable[Element | Event], index: int = 0, path_length: float = 0.0) -> None:
         self._items = iter(items)
-        self._index = index
-        self._path_length = path_length
+        self._numbering = Numbering(index, path_length)
         self._segments: deque[Segment] = deque()
         self._events: deque[tuple[int, Event]] = deque()
 
     def __iter__(self) -> Iterator[Element | Event]:
         for item in self._items:
             if isinstance(item, Event):
-                self._events.append((self._index, item._replace(path_length=self._path_length)))
+                place = item._replace(path_length=self._numbering.path_length)
+                self._events.append((self._numbering.index, place))
             else:
-                self._segments.append(Segment(self._index, item, self._path_length))
-                self._index += 1
-                self._path_length += item.length
+                self._add(item)
             yield item
+
+    def _add(self, motion: Element) -> None:
+        before = self._numbering.index
+        for spot in self._numbering.spots(motion):
+            if spot.number >= before:
+                before = spot.number + 1
+                self._segments.append(Segment(spot.number, spot.segment, spot.begin))
 
     def segments(self, index: int) -> Iterator[Segment]:
         """Those not asked for yet, up to segment `index`."""

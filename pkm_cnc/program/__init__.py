@@ -11,6 +11,7 @@ from pkm_cnc.program.interpreter import (
     read_elements,
     read_motions,
 )
+from pkm_cnc.program.original import carried_original, carry_original, element_comment, with_reference
 from pkm_cnc.program.source import ProgramSource, approach
 from pkm_cnc.program.toolpath import (
     EXACT_PATH,
@@ -19,8 +20,11 @@ from pkm_cnc.program.toolpath import (
     Event,
     EventKind,
     Line,
+    Numbering,
     PathMode,
+    Place,
     Plane,
+    Spot,
     Toolpath,
     Totals,
 )
@@ -35,20 +39,27 @@ __all__ = [
     "EventKind",
     "Line",
     "Motion",
+    "Numbering",
     "PathMode",
+    "Place",
     "Plane",
     "Program",
     "ProgramError",
     "ProgramParameters",
     "ProgramSource",
+    "Spot",
     "Toolpath",
     "Totals",
     "approach",
     "canonical_events",
     "canonical_motion",
+    "carried_original",
+    "carry_original",
+    "element_comment",
     "interpret",
     "program_from_bytes",
     "read_elements",
     "read_motions",
     "read_program",
+    "with_reference",
 ]

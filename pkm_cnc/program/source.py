@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.program.blocks import Program
-from pkm_cnc.program.interpreter import ProgramParameters, read_elements
+from pkm_cnc.program.interpreter import ProgramParameters, read_elements, read_marked_elements
+from pkm_cnc.program.original import carried_original, is_marked, led_by_length, led_by_marks
 from pkm_cnc.program.toolpath import Element, Event, Line, Toolpath
 from pkm_cnc.records import Vector
 from pkm_cnc.tolerances import ZERO_LENGTH
@@ -48,9 +49,7 @@ class ProgramSource:
         With `from_line` spindle, coolant and tool are first set as the lines left out do, then the TCP goes with a
         rapid to where the first motion begins. Raises ProgramError, InputError for a program without motion (there).
         """
-        items = read_elements(
-            self.program, start=self.start, zero=self.zero, rapid=self.rapid, parameters=self.parameters
-        )
+        items = self._led()
         empty = True
         for item in self._from_line(items) if self.from_line else items:
             empty = empty and isinstance(item, Event)
@@ -58,6 +57,28 @@ class ProgramSource:
         if empty:
             where = f" at or after line {self.from_line} (from_line)" if self.from_line else ""
             raise InputError(f"part program {self.program.name}: contains no motion{where}")
+
+    def _led(self) -> Iterator[Element | Event]:
+        """The items of the program; the motions with their places on the contour that it carries, if it does."""
+        original = carried_original(self.program)
+        if original is None:
+            return self._read(self.program)
+        contour = (item for item in self._read(original) if not isinstance(item, Event))
+        if is_marked(self.program):
+            items = read_marked_elements(
+                self.program, start=self.start, zero=self.zero, rapid=self.rapid, parameters=self.parameters
+            )
+            return led_by_marks(items, contour, self.program.name)
+        lengths = [
+            sum(item.length for item in self._read(program) if not isinstance(item, Event))
+            for program in (original, self.program)
+        ]
+        if not all(lengths):
+            return self._read(self.program if lengths[0] else original)
+        return led_by_length(self._read(self.program), contour, lengths[0] / lengths[1])
+
+    def _read(self, program: Program) -> Iterator[Element | Event]:
+        return read_elements(program, start=self.start, zero=self.zero, rapid=self.rapid, parameters=self.parameters)
 
     def _from_line(self, items: Iterator[Element | Event]) -> Iterator[Element | Event]:
         in_force: dict[str, Event] = {}
