@@ -31,9 +31,9 @@ __all__ = ["SIZES", "DriveUnknown", "drive_setup", "drive_unknowns", "drive_valu
 Array = NDArray[np.float64]
 
 POSITIVE = ("kv", "velocity_gain")
-"""Their steps are of the logarithm: no value tried is below zero."""
+"""Their steps are of the time constant, 1/value, in shares of it: the motion is nearly linear in those."""
 SIZES = {"kv": 1.0, "velocity_gain": 1.0, "velocity_feed_forward": 1.0, "acceleration_feed_forward": 0.001}
-"""What one step is: a factor e, the whole feed-forward, 1 ms (about the equivalent delay of a velocity loop). In the
+"""What one step is: a time constant doubled, the whole feed-forward, 1 ms (about the equivalent delay of a velocity loop). In the
 order in which they are wanted: a feed-forward is a setting of the controller, and mostly known."""
 
 
@@ -55,11 +55,11 @@ class DriveUnknown:
         return next(spec.unit for spec in parameters_of(DriveParameters) if spec.name == self.name)
 
     def stepped(self, value: float, step: float) -> float:
-        """The value `step` steps from `value`."""
-        return value * math.exp(step) if self.name in POSITIVE else value + step * SIZES[self.name]
+        """The value `step` (above -1) steps from `value`."""
+        return value / (1.0 + step) if self.name in POSITIVE else value + step * SIZES[self.name]
 
     def size(self, value: float) -> float:
-        """Derivative of the value by the step: what one step is there, in `unit`."""
+        """Magnitude of the value's derivative by the step, at step 0: what one step is there, in `unit`."""
         return value if self.name in POSITIVE else SIZES[self.name]
 
 
