@@ -226,7 +226,7 @@ def _piece(number: int, run: DriveRun, index: int) -> _Piece | None:
     first, last = int(cycles[0]), int(cycles[-1]) + 1
     middle = len(cycles) // 2
     where = float(run.path[first + middle] - run.starts[index])
-    edges = np.linspace(begin + aside, end - aside, bins + 1)
+    edges = np.asarray(np.linspace(begin + aside, end - aside, bins + 1), dtype=np.float64)
     return _Piece(number, element, slice(first, last), edges, (middle, where))
 
 

@@ -154,8 +154,10 @@ def _check_near(unknowns: Sequence[DriveUnknown], before: Array, values: Array) 
             )
 
 
-def told_unknowns(unknowns: Sequence[DriveUnknown], derivative: Array, noise: float, data: DriveData) -> list[int]:
-    """Places of the unknowns that `data` tell with `noise` (m), from their `derivative` (m, p).
+def told_unknowns(
+    unknowns: Sequence[DriveUnknown], derivative: Array, noise: float, data: DriveData, within: float = TOLD
+) -> list[int]:
+    """Places of the unknowns that `data` tell `within` so many steps with `noise` (m), from their `derivative` (m, p).
 
     Raises InputError if there is no velocity gain among them.
     """
@@ -163,7 +165,7 @@ def told_unknowns(unknowns: Sequence[DriveUnknown], derivative: Array, noise: fl
     order = list(SIZES)
     for place in sorted(range(len(unknowns)), key=lambda place: order.index(unknowns[place].name)):
         tried = sorted([*kept, place])
-        if (noise * _root_of_inverse(derivative[:, tried])).max() <= TOLD:
+        if (noise * _root_of_inverse(derivative[:, tried])).max() <= within:
             kept = tried
     if not any(unknowns[place].name == "kv" for place in kept):
         worst = next(one for one in unknowns if one.name == "kv")

@@ -1,8 +1,8 @@
 """What an identification of drives looks for: few physical parameters per drive, counted in steps of comparable size.
 
 The thesis frees all nine coefficients of the transfer function 7-1. They are no free numbers: a position loop that
-is closed on a scale has G(0) = 1, and motor and controllers leave fewer parameters than coefficients. These are they, as
-the machine file has them: every value of them makes a loop with G(0) = 1.
+is closed on a scale has G(0) = 1, and motor and controllers leave fewer parameters than coefficients. These are they,
+as the machine file has them: every value of them makes a loop with G(0) = 1.
 
 - `kv`, velocity gain of the position loop.
 - `velocity_gain` of the velocity controller: the bandwidth of the velocity loop. On a rigid axis without friction the
@@ -33,8 +33,8 @@ Array = NDArray[np.float64]
 POSITIVE = ("kv", "velocity_gain")
 """Their steps are of the time constant, 1/value, in shares of it: the motion is nearly linear in those."""
 SIZES = {"kv": 1.0, "velocity_gain": 1.0, "velocity_feed_forward": 1.0, "acceleration_feed_forward": 0.001}
-"""What one step is: a time constant doubled, the whole feed-forward, 1 ms (about the equivalent delay of a velocity loop). In the
-order in which they are wanted: a feed-forward is a setting of the controller, and mostly known."""
+"""What one step is: a time constant doubled, the whole feed-forward, 1 ms (about the equivalent delay of a velocity loop).
+In the order in which they are wanted: a feed-forward is a setting of the controller, and mostly known."""
 
 
 @dataclass(frozen=True)
