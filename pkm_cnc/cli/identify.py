@@ -86,7 +86,7 @@ def _fits(setup: Setup, runs: Sequence[DriveRun], data: str, method: str, seed: 
     if data == "contour":
         problems = [(list(setup.axes), ContourData(runs))]
     else:
-        problems = [([axis], AxisData(axis, runs, setup.servo_period)) for axis in setup.axes]
+        problems = [([axis], AxisData(axis, runs)) for axis in setup.axes]
     fits = []
     for axes, observed in problems:
         unknowns = drive_unknowns(setup, axes)

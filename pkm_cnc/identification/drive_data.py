@@ -36,20 +36,15 @@ ASIDE = 0.25
 """s at feed, left out at both ends of an arc: by so much another machine's tool may be ahead or behind, some 1/Kv."""
 VERTICAL = 1e-6
 """1. Below this horizontal part of its tangent a line has no left and up."""
-CORRELATED = 0.1
-"""s. Errors of readings further apart are independent: they have died away in the position loop, 2/Kv."""
 NORMAL_MEDIAN = 0.6744897501960817
 """Median of the magnitude of a standard normal variable."""
 
 
 class DriveData(Protocol):
-    """`name` of what was observed, for errors; `window`: observations over which their errors may be correlated."""
+    """`name` of what was observed, for errors."""
 
     @property
     def name(self) -> str: ...
-
-    @property
-    def window(self) -> int: ...
 
     @property
     def observed(self) -> Array:
@@ -81,17 +76,11 @@ class AxisData:
 
     axis: str
     runs: Sequence[DriveRun]
-    period: float
 
     @property
     def name(self) -> str:
         """As errors call it."""
         return self.axis
-
-    @property
-    def window(self) -> int:
-        """Cycles."""
-        return max(1, round(CORRELATED / self.period))
 
     @cached_property
     def observed(self) -> Array:
@@ -156,11 +145,6 @@ class ContourData:
     def name(self) -> str:
         """As errors call it."""
         return "contour"
-
-    @property
-    def window(self) -> int:
-        """Bins: longer than what is correlated."""
-        return 1
 
     @cached_property
     def _pieces(self) -> list[_Piece]:

@@ -11,8 +11,9 @@ file, and the others are true if that is. The choice is made anew at the estimat
 S beside s say the same by direction.
 
 Intervals. Readings that feed back into the loop, and whatever the model lacks, leave deviations that are correlated
-over some time. So the covariance is H (sum_k sum_l w_kl g_k g_l^T) H, H = (S^T S)^-1, g_k = S_k r_k, with Bartlett
-weights w over a window (Newey, West, Econometrica 55 (1987) 703): for white deviations it is s^2 H.
+over some time, and then n of them say as much as n / g independent ones, g = 1 + 2 (r_1 + r_2 + ...) with their
+autocorrelation r, summed as Geyer, Statistical Science 7 (1992) 473, does. The covariance is g s^2 (S^T S)^-1, the
+interval +-t(0.975) times the deviation.
 """
 
 from __future__ import annotations
@@ -181,21 +182,24 @@ def told_within(
     freedom = len(deviations) - len(unknowns)
     if freedom < 1:
         raise InputError(f"identify: {data.name}: {len(deviations)} observations for {len(unknowns)} unknowns")
-    _, singular, directions = np.linalg.svd(derivative, full_matrices=False)
-    inverse = (directions.T / singular**2) @ directions
-    share = derivative * deviations[:, None]
-    meat = _window_sums(share, min(data.window, len(deviations))) * len(deviations) / freedom
-    deviation = np.sqrt(np.diag(inverse @ meat @ inverse))
+    variance = float(np.square(deviations).sum()) / freedom * _correlation(deviations)
+    deviation = np.sqrt(variance) * _root_of_inverse(derivative)
     sizes = np.array([one.size(value) for one, value in zip(unknowns, values.tolist(), strict=True)])
     return np.asarray(stats.t.ppf(0.5 + 0.5 * PROBABILITY, freedom) * deviation * sizes)
 
 
-def _window_sums(shares: Array, window: int) -> Array:
-    """sum_k sum_l max(0, 1 - |k - l| / window) g_k g_l^T of the rows g (m, p): mean over all windows of that length."""
-    padded = np.concatenate([np.zeros((window, shares.shape[1])), shares, np.zeros((window - 1, shares.shape[1]))])
-    total = np.cumsum(padded, axis=0)
-    sums = total[window:] - total[:-window]
-    return np.asarray(sums.T @ sums / window)
+def _correlation(deviations: Array) -> float:
+    """How many of the deviations (m,) say as much as one independent one: 1 if they are white, never less.
+
+    Sums of two neighbouring autocorrelations are added up to the first that is not positive: beyond is noise.
+    """
+    spectrum = np.abs(np.fft.rfft(deviations, 2 * len(deviations))) ** 2
+    covariance = np.fft.irfft(spectrum)[: len(deviations) // 2 * 2]
+    if not covariance[0] > 0.0:
+        return 1.0
+    pairs = (covariance / covariance[0]).reshape(-1, 2).sum(axis=1)
+    end = int(np.argmax(pairs <= 0.0)) if (pairs <= 0.0).any() else len(pairs)
+    return max(1.0, float(2.0 * pairs[:end].sum() - 1.0))
 
 
 def _root_of_inverse(derivative: Array) -> Array:

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 POSITIVE = ("kv", "velocity_gain")
 """Their steps are of the time constant, 1/value, in shares of it: the motion is nearly linear in those."""
 SIZES = {"kv": 1.0, "velocity_gain": 1.0, "velocity_feed_forward": 1.0, "acceleration_feed_forward": 0.001}
-"""What one step is: a time constant doubled, the whole feed-forward, 1 ms (about the equivalent delay of a velocity loop).
+"""What one step is: a time constant doubled, the whole feed-forward, 1 ms (about a velocity loop's equivalent delay).
 In the order in which they are wanted: a feed-forward is a setting of the controller, and mostly known."""
 
 

@@ -1,7 +1,7 @@
 """The transfer function that thesis section 7.6 identified, and why no position loop has it.
 
-Eq. 7-1 closes the loop Kv V(s) / s round a velocity loop V(s) with unit gain at rest. Whatever the parameters are, then
-D6 = N3, or the axis never arrives; D5 = N2 + N3 / Kv and D4 = N1 + N2 / Kv, or the axis is a share of the way off during
+Eq. 7-1 closes the loop Kv V(s) / s round a velocity loop V(s) with unit gain at rest. Whatever the parameters are,
+D6 = N3, or the axis never arrives, and D5 = N2 + N3 / Kv and D4 = N1 + N2 / Kv, or it is a share of the way off during
 the seconds of a motion. Kv is N1 / D3, but for the part T_pi J_e of D3, 1e-7 of it.
 """
 
