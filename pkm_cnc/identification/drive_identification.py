@@ -151,7 +151,7 @@ def _check_near(unknowns: Sequence[DriveUnknown], before: Array, values: Array) 
         if not low <= value <= high:
             raise InputError(
                 f"identify: {one.key} would be {value:.6g} {one.unit}, far from the machine file's {start:.6g} "
-                f"{one.unit}: was it recorded on a machine with such drives?"
+                f"{one.unit}: was it recorded on a machine with such drives, and does the file have its feed-forwards?"
             )
 
 
@@ -252,8 +252,8 @@ def _minimised(setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData, 
         np.zeros(len(unknowns)),
         jac=derivative,
         bounds=FAR,
-        xtol=1e-10,
-        ftol=1e-15,
+        xtol=1e-9,
+        ftol=1e-12,
         gtol=1e-15,
         max_nfev=50,
     )

@@ -52,7 +52,7 @@ REPETITIONS = 200
 
 
 def fit_drives_by_networks(
-    setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData, *, seed: int = 0
+    setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData, *, seed: int = 0, vectors: int = VECTORS
 ) -> tuple[DriveFit, tuple[Network, ...]]:
     """Estimate `unknowns` from `data` by networks trained around their values in `setup`; and the networks.
 
@@ -70,7 +70,7 @@ def fit_drives_by_networks(
         values, networks = before.copy(), []
         for band in BAND:
             here = data.predicted(drive_setup(setup, unknowns, values))[rows]
-            network = _taught(setup, chosen, data, values[kept], rows, band, noise, generator)
+            network = _taught(setup, chosen, data, values[kept], rows, band, noise, generator, vectors)
             steps = network.estimate(observed[rows] - here)[0]
             spread = _spread(network, observed[rows] - here, noise, generator)
             spread *= [one.size(value) for one, value in zip(chosen, values[kept].tolist(), strict=True)]
@@ -105,9 +105,10 @@ def _taught(
     band: float,
     noise: float,
     generator: np.random.Generator,
+    vectors: int,
 ) -> Network:
     """A network from the deviations in `rows` to the steps from `values` (p,), trained within `band` around them."""
-    steps = generator.uniform(-band, band, (VECTORS, len(unknowns)))
+    steps = generator.uniform(-band, band, (vectors, len(unknowns)))
     here = data.predicted(steps_model(setup, unknowns, values, 0.0 * steps[0]))[rows]
     inputs = np.stack([data.predicted(steps_model(setup, unknowns, values, step))[rows] - here for step in steps])
     inputs += generator.normal(0.0, noise, inputs.shape)
