@@ -14,7 +14,7 @@ from pkm_cnc.cli import main
 from pkm_cnc.config import load_setup
 from pkm_cnc.contour import circle_program, star_program
 from pkm_cnc.errors import InputError
-from pkm_cnc.identification import drive_run
+from pkm_cnc.identification import ContourData, drive_run, drive_unknowns, fit_drives_by_networks
 from pkm_cnc.program import read_program
 from pkm_cnc.simulation import simulate
 from pkm_cnc.topics import recorded_topics
@@ -44,9 +44,8 @@ def bags(tmp_path_factory):
         overshoot_deg=60.0,
         acceleration_mm_s2=2000.0,
     )
-    return [
-        record(folder, name, text, "tripod", "drive.kv=23.64") for name, text in (("star", star), ("circle", circle))
-    ]
+    programs = {"star": star, "circle": circle}
+    return [record(folder, name, text, "tripod", "drive.kv=23.64") for name, text in programs.items()]
 
 
 def identify(*arguments):
@@ -68,13 +67,26 @@ def test_kv_is_found_without_noise(bags, tmp_path, data):
     assert "change_um_per_step" in text
 
 
-def test_networks_find_kv_within_one_percent_from_contour_errors(bags, tmp_path):
-    out = tmp_path / "found.yaml"
-    status, _, errors = identify(
-        "--machine", "tripod", "--bag", *bags, "--data", "contour", "--method", "nn", "-o", out
-    )
-    assert (status, errors) == (0, "")
-    found = load_setup(str(out))
+def test_networks_find_kv_from_contour_errors(bags):
+    setup = load_setup("tripod")
+    data = ContourData([drive_run(read_run(bag), setup) for bag in bags])
+    unknowns = [one for one in drive_unknowns(setup) if one.name == "kv"]
+    fit, _ = fit_drives_by_networks(setup, unknowns, data, vectors=60)
+    assert fit.values == pytest.approx([23.64] * 3, rel=0.01)
+
+
+def test_networks_by_the_command(tmp_path):
+    text = "%\nG21 G90\n" + "G1 X60 Y30 Z20 F6000\nG1 X0 Y0 Z0\n" * 2 + "M30\n%\n"
+    bag = record(tmp_path, "all_axes", text, "cartesian", "drive.kv=23.64", "drive.kind=first_order")
+    arguments = ["--machine", "cartesian", "--set", "drive.kind=first_order", "--bag", bag, "--method", "nn"]
+    texts = []
+    for out in (tmp_path / "a.yaml", tmp_path / "b.yaml"):
+        status, text, errors = identify(*arguments, "-o", out)
+        assert (status, errors) == (0, "")
+        assert "spread (95 %)" in text
+        texts.append(out.read_text())
+    assert texts[0] == texts[1]
+    found = load_setup(str(tmp_path / "a.yaml"))
     assert [parts.drive.kv for parts in found.axes.values()] == pytest.approx([23.64] * 3, rel=0.01)
 
 

@@ -50,6 +50,8 @@ EDGE = 0.99
 """1. An estimate beyond this share of the way lies at the end."""
 STAGES = ("kv", "velocity_feed_forward", "velocity_gain", "acceleration_feed_forward")
 """The unknowns from what motions tell best to what they tell least: lag of a steady motion first."""
+EXACT, NEARLY = 1e-9, 1e-3
+"""Steps, of the step from the start: where the last fit ends and where those before it."""
 UNIT = 1e-3
 """m. Of the deviations in the fit."""
 PROBABILITY = 0.95
@@ -233,12 +235,13 @@ def _fitted(setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData, kep
         places = [place for place in kept if unknowns[place].name in STAGES[:stage]]
         if any(unknowns[place].name == STAGES[stage - 1] for place in places):
             chosen = [unknowns[place] for place in places]
-            values[places] = _minimised(drive_setup(setup, unknowns, values), chosen, data, values[places])
+            exact = EXACT if len(places) == len(kept) else NEARLY
+            values[places] = _minimised(drive_setup(setup, unknowns, values), chosen, data, values[places], exact)
     return values
 
 
-def _minimised(setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData, start: Array) -> Array:
-    """The values (p,) within `FAR` of `start` (p,) that leave the smallest deviations."""
+def _minimised(setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData, start: Array, exact: float) -> Array:
+    """The values (p,) within `FAR` of `start` (p,) that leave the smallest deviations, to `exact` steps."""
     observed = data.observed
 
     def residual(steps: Array) -> Array:
@@ -252,7 +255,7 @@ def _minimised(setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData, 
         np.zeros(len(unknowns)),
         jac=derivative,
         bounds=FAR,
-        xtol=1e-9,
+        xtol=exact,
         ftol=1e-12,
         gtol=1e-15,
         max_nfev=50,
