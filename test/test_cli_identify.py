@@ -79,14 +79,11 @@ def test_networks_by_the_command(tmp_path):
     text = "%\nG21 G90\n" + "G1 X60 Y30 Z20 F6000\nG1 X0 Y0 Z0\n" * 2 + "M30\n%\n"
     bag = record(tmp_path, "all_axes", text, "cartesian", "drive.kv=23.64", "drive.kind=first_order")
     arguments = ["--machine", "cartesian", "--set", "drive.kind=first_order", "--bag", bag, "--method", "nn"]
-    texts = []
-    for out in (tmp_path / "a.yaml", tmp_path / "b.yaml"):
-        status, text, errors = identify(*arguments, "-o", out)
-        assert (status, errors) == (0, "")
-        assert "spread (95 %)" in text
-        texts.append(out.read_text())
-    assert texts[0] == texts[1]
-    found = load_setup(str(tmp_path / "a.yaml"))
+    out = tmp_path / "found.yaml"
+    status, text, errors = identify(*arguments, "-o", out)
+    assert (status, errors) == (0, "")
+    assert "spread (95 %)" in text
+    found = load_setup(str(out))
     assert [parts.drive.kv for parts in found.axes.values()] == pytest.approx([23.64] * 3, rel=0.01)
 
 

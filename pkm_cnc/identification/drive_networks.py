@@ -25,6 +25,7 @@ from pkm_cnc.identification.drive_identification import (
     LEAST_NOISE,
     DriveEstimate,
     DriveFit,
+    fit_drives,
     sensitivity,
     steps_model,
     told_unknowns,
@@ -62,7 +63,7 @@ def fit_drives_by_networks(
     generator = np.random.default_rng(seed)
     with threadpool_limits(1):
         before, observed = drive_values(setup, unknowns), data.observed
-        noise = max(data.noise, LEAST_NOISE)
+        noise = _noise(setup, unknowns, data)
         derivative = sensitivity(setup, unknowns, data, before)
         kept = told_unknowns(unknowns, derivative, noise, data, TOLD)
         chosen = [unknowns[place] for place in kept]
@@ -94,6 +95,15 @@ def fit_drives_by_networks(
         spread=spreads,
     )
     return fit, tuple(networks)
+
+
+def _noise(setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData) -> float:
+    """Standard deviation of an observation, m: its noise, or what no drives explain where that is more.
+
+    The resolution of a scale within the loop moves the tool smoothly: that is no noise from one to the next.
+    """
+    left = fit_drives(setup, unknowns, data).after
+    return max(data.noise, LEAST_NOISE, float(np.sqrt(np.mean(np.square(left)))))
 
 
 def _taught(
