@@ -122,17 +122,19 @@ def fit_drives(setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData) 
         kept: list[int] = []
         values = before.copy()
         for _ in range(ROUNDS):
-            told = told_unknowns(unknowns, sensitivity(setup, unknowns, data, values), noise, data)
+            derivative = sensitivity(setup, unknowns, data, values)
+            told = told_unknowns(unknowns, derivative, noise, data)
             if told == kept:
                 break
             start = drive_setup(setup, unknowns, values if set(kept) <= set(told) else before)
             kept, values = told, _fitted(start, unknowns, data, told)
+        else:
+            derivative = sensitivity(setup, unknowns, data, values)
         chosen = [unknowns[place] for place in kept]
         _check_near(chosen, before[kept], values[kept])
         after = observed - data.predicted(drive_setup(setup, unknowns, values))
         halves = np.full(len(unknowns), np.nan)
-        halves[kept] = told_within(setup, chosen, data, values[kept], after)
-        derivative = sensitivity(setup, unknowns, data, values)
+        halves[kept] = told_within(chosen, values[kept], derivative[:, kept], after)
         _, singular, directions = np.linalg.svd(derivative, full_matrices=False)
         return DriveFit(
             name=data.name,
@@ -176,14 +178,14 @@ def told_unknowns(
     return kept
 
 
-def told_within(
-    setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData, values: Array, deviations: Array
-) -> Array:
-    """Half the 95 % intervals (p,) of the unknowns at `values` (p,), in their units, from the deviations (m,), m."""
-    derivative = sensitivity(setup, unknowns, data, values)
+def told_within(unknowns: Sequence[DriveUnknown], values: Array, derivative: Array, deviations: Array) -> Array:
+    """Half the 95 % intervals (p,) of the unknowns at `values` (p,), in their units.
+
+    From the `derivative` (m, p) there, m per step, and the deviations (m,), m. Raises InputError if m is not above p.
+    """
     freedom = len(deviations) - len(unknowns)
     if freedom < 1:
-        raise InputError(f"identify: {data.name}: {len(deviations)} observations for {len(unknowns)} unknowns")
+        raise InputError(f"identify: {len(deviations)} observations for {len(unknowns)} unknowns: run longer motions")
     variance = float(np.square(deviations).sum()) / freedom * _correlation(deviations)
     deviation = np.sqrt(variance) * _root_of_inverse(derivative)
     sizes = np.array([one.size(value) for one, value in zip(unknowns, values.tolist(), strict=True)])

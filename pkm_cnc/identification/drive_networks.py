@@ -81,7 +81,8 @@ def fit_drives_by_networks(
             networks.append(network)
         after = observed - data.predicted(drive_setup(setup, unknowns, values))
         halves, spreads = np.full(len(unknowns), np.nan), np.full(len(unknowns), np.nan)
-        halves[kept], spreads[kept] = told_within(setup, chosen, data, values[kept], after), spread
+        derivative = sensitivity(setup, unknowns, data, values)
+        halves[kept], spreads[kept] = told_within(chosen, values[kept], derivative[:, kept], after), spread
         _, singular, directions = np.linalg.svd(derivative, full_matrices=False)
     fit = DriveFit(
         name=data.name,
