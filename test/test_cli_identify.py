@@ -14,7 +14,7 @@ from pkm_cnc.cli import main
 from pkm_cnc.config import load_setup
 from pkm_cnc.contour import circle_program, star_program
 from pkm_cnc.errors import InputError
-from pkm_cnc.identification import ContourData, drive_run, drive_unknowns, fit_drives_by_networks
+from pkm_cnc.identification import ContourData, Network, drive_run, drive_unknowns, fit_drives_by_networks
 from pkm_cnc.program import read_program
 from pkm_cnc.simulation import simulate
 from pkm_cnc.topics import recorded_topics
@@ -80,9 +80,10 @@ def test_networks_by_the_command(tmp_path):
     bag = record(tmp_path, "all_axes", text, "cartesian", "drive.kv=23.64", "drive.kind=first_order")
     arguments = ["--machine", "cartesian", "--set", "drive.kind=first_order", "--bag", bag, "--method", "nn"]
     out = tmp_path / "found.yaml"
-    status, text, errors = identify(*arguments, "-o", out)
+    status, text, errors = identify(*arguments, "-o", out, "--report", tmp_path / "report")
     assert (status, errors) == (0, "")
     assert "spread (95 %)" in text
+    assert Network.load(tmp_path / "report" / "network-x.json").trained_on
     found = load_setup(str(out))
     assert [parts.drive.kv for parts in found.axes.values()] == pytest.approx([23.64] * 3, rel=0.01)
 

@@ -21,6 +21,7 @@ from pkm_cnc.identification import (
     DriveFit,
     DriveRun,
     FrequencyResponse,
+    Network,
     drive_run,
     drive_setup,
     drive_unknowns,
@@ -59,7 +60,7 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the networks' training (0)")
     parser.add_argument("-o", dest="output", required=True, metavar="OUT.yaml", help="the identified machine file")
-    parser.add_argument("--report", metavar="DIR", help="write a page, its pictures and data.json to DIR")
+    parser.add_argument("--report", metavar="DIR", help="write a page, its pictures, data.json and the networks to DIR")
     parser.set_defaults(action=_identify)
 
 
@@ -70,7 +71,7 @@ def _identify(arguments: argparse.Namespace) -> None:
     runs = [drive_run(read_run(bag), setup) for bag in arguments.bag]
     if arguments.report:
         make_folder(Path(arguments.report))
-    fits = _fits(setup, runs, arguments.data, arguments.method, arguments.seed)
+    fits, networks = _fits(setup, runs, arguments.data, arguments.method, arguments.seed)
     found = identified_setup(setup, fits)
     tables = [estimate_table(fits), bandwidth_table(found), singular_table(fits)]
     write_text(arguments.output, identified_yaml(setup, fits, [Path(bag).name for bag in arguments.bag]))
@@ -78,23 +79,30 @@ def _identify(arguments: argparse.Namespace) -> None:
     print(f"machine {arguments.output}")
     if arguments.report:
         page = _page(setup, found, runs, fits, tables, arguments.command)
+        for network in networks:
+            network.save(Path(arguments.report) / f"network-{network.name}.json")
         print(f"report {write_page(Path(arguments.report), page)[-1]}")
 
 
-def _fits(setup: Setup, runs: Sequence[DriveRun], data: str, method: str, seed: int) -> list[DriveFit]:
+def _fits(
+    setup: Setup, runs: Sequence[DriveRun], data: str, method: str, seed: int
+) -> tuple[list[DriveFit], list[Network]]:
+    """The fits, and of each the network that saw the wide band, if there are any."""
     problems: list[tuple[list[str], DriveData]]
     if data == "contour":
         problems = [(list(setup.axes), ContourData(runs))]
     else:
         problems = [([axis], AxisData(axis, runs)) for axis in setup.axes]
-    fits = []
+    fits, networks = [], []
     for axes, observed in problems:
         unknowns = drive_unknowns(setup, axes)
         if method == "nn":
-            fits.append(fit_drives_by_networks(setup, unknowns, observed, seed=seed)[0])
+            fit, (first, *_) = fit_drives_by_networks(setup, unknowns, observed, seed=seed)
+            fits.append(fit)
+            networks.append(first)
         else:
             fits.append(fit_drives(setup, unknowns, observed))
-    return fits
+    return fits, networks
 
 
 def _page(
