@@ -86,7 +86,7 @@ def drive_setup(setup: Setup, unknowns: Sequence[DriveUnknown], values: Array) -
     axes = {
         axis: dataclasses.replace(
             parts,
-            scale=dataclasses.replace(parts.scale, resolution=0.0),
+            scale=dataclasses.replace(parts.scale, resolution=0.0, noise=0.0),
             drive=dataclasses.replace(
                 parts.drive,
                 following_error_limit=math.inf,
