@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -81,9 +82,9 @@ SCRIPTS = st.lists(st.tuples(st.integers(0, 400), COMMANDS), max_size=5).map(lam
 TURNS = st.lists(st.floats(-0.7, 0.7), min_size=1, max_size=8)
 
 
-@settings(derandomize=True, max_examples=60, deadline=None)
+@settings(derandomize=True, max_examples=40, deadline=None)
 @given(
-    st.sampled_from(MACHINES),
+    st.sampled_from(range(len(MACHINES))),
     TURNS,
     st.sampled_from([0.002, 0.006]),
     st.sampled_from([0.03, 0.15]),
@@ -91,14 +92,14 @@ TURNS = st.lists(st.floats(-0.7, 0.7), min_size=1, max_size=8)
     SCRIPTS,
 )
 def test_whatever_is_commanded_limits_path_and_end_are_kept(
-    machine: tuple[Setup, MotionParameters],
+    machine: int,
     turns: Sequence[float],
     step: float,
     feed: float,
     mode: PathMode,
     script: Script,
 ) -> None:
-    setup, motion = machine
+    setup, motion = MACHINES[machine]
     points, heading = [(0.0, 0.0, 0.0)], 0.0
     for turn in turns:
         heading += turn
@@ -111,7 +112,7 @@ def test_whatever_is_commanded_limits_path_and_end_are_kept(
     assert setpoints[-1][:3] == points[-1]
     assert setpoints[-1].path_length == pytest.approx(path.length, abs=1e-15)
     lengths = [setpoint.path_length for setpoint in setpoints]
-    assert all(a <= b + 1e-15 for a, b in zip(lengths, lengths[1:], strict=False))
+    assert max(a - b for a, b in itertools.pairwise(lengths)) <= 1e-15
     tolerance = 1e-12 if mode.code == "G61" else 5e-5
     for setpoint in setpoints:
         element = path.elements[setpoint.segment]
