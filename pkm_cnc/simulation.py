@@ -185,9 +185,10 @@ class _Panel:
         given: Sequence[Command] = self._give() if self._commands else ()
         if interpolator.waits_for_operator:
             line = interpolator.progress().line
-            raise MachineFault(
-                f"cycle {self._cycle}: line {line}: the run waits for the operator, who commands nothing"
+            next_one = (
+                f"whose next command is for cycle {self._commands[0][0]}" if self._commands else "who commands nothing"
             )
+            raise MachineFault(f"cycle {self._cycle}: line {line}: the run waits for the operator, {next_one}")
         setpoint = interpolator.step(in_position)
         events = interpolator.take_events()
         status = self._reports.after_setpoint(self._cycle, interpolator, setpoint, len(events))

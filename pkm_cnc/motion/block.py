@@ -381,7 +381,7 @@ class Block:
         """The profile in the next cycles down to rest, with `strength` (up to 1) of what the limits allow.
 
         The acceleration of a cycle may be below that of n cycles before by what the jerk allows in n cycles; then the
-        mean keeps it. Empty if what is ahead is too short for that.
+        mean keeps it. Empty if that needs all that is ahead.
         """
         settings = self._settings
         period, most = settings.period, strength * settings.motion.acceleration
@@ -396,7 +396,7 @@ class Block:
             a = min(a, 0.0)
             v = max(state.v + a * period, 0.0)
             path = state.path + (0.5 * (state.v + v) * period if v > 0.0 else -0.5 * w / a)
-            if path > self.starts[-1]:
+            if path >= self.starts[-1] - ZERO_LENGTH:
                 return []
             samples.append(self._sample(path, v))
         found = [
