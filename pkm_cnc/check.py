@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics import reached_rows
-from pkm_cnc.motion import Curve, Interpolator, Shape, pieces
+from pkm_cnc.motion import Curve, Interpolator, Planner, Shape, pieces
 from pkm_cnc.program import Program, Toolpath, interpret
-from pkm_cnc.records import TcpSetpoint
+from pkm_cnc.records import NANOSECONDS, TcpSetpoint
 from pkm_cnc.tolerances import LIMIT_EXCESS
 
-__all__ = ["check_toolpath", "prepare"]
+__all__ = ["check_toolpath", "prepare", "program_time"]
 
 SAMPLING = 0.25e-3
 """m. Distance of the points checked along a path. Between two of them a path on a machine of strut length 0.6 m can
@@ -41,6 +41,19 @@ def prepare(setup: Setup, program: Program) -> Toolpath:
     )
     check_toolpath(setup, program, toolpath)
     return toolpath
+
+
+def program_time(setup: Setup, toolpath: Toolpath) -> float:
+    """Time of the motion and of the dwells of a program, s: that of a run, or somewhat less with limits of jerk.
+
+    What is not known before is not in it: how long a run waits for the TCP to be in position, or for the operator.
+    """
+    planner = Planner(setup.motion, setup.drive_limits, setup.servo_period)
+    path = pieces(toolpath.elements, setup.motion, smooth=planner.taps > 1)
+    time = math.fsum(event.value or 0.0 for event in toolpath.events if event.kind == "dwell")
+    while piece := next(path, None):
+        time += planner.duration(piece, path)
+    return round(time / setup.servo_period) * setup.servo_period_ns / NANOSECONDS
 
 
 def check_toolpath(setup: Setup, program: Program, toolpath: Toolpath) -> None:

@@ -11,6 +11,7 @@ from pkm_cnc.motion.feed_profile import Cell, FeedProfile, speeds_squared
 from pkm_cnc.motion.interpolator import Interpolator
 from pkm_cnc.motion.limits import DriveLimits, LimitParameters, MotionParameters
 from pkm_cnc.motion.piece import Curve, Piece, Shape
+from pkm_cnc.motion.planner import Planner
 
 __all__ = [
     "Cell",
@@ -21,6 +22,7 @@ __all__ = [
     "LimitParameters",
     "MotionParameters",
     "Piece",
+    "Planner",
     "Shape",
     "pieces",
     "speeds_squared",

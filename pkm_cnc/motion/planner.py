@@ -69,6 +69,10 @@ class Planner:
         """
         return _Move(self, first, others).setpoints()
 
+    def duration(self, first: Piece, others: Iterator[Piece]) -> float:
+        """What `move` takes, s, but for what verification makes slower: found from the cells, not cycle by cycle."""
+        return _Move(self, first, others).duration()
+
 
 class _Plan(NamedTuple):
     """A block: w at its nodes, how many of its cells are final, the profile by cycle, and the setpoints."""
@@ -116,6 +120,20 @@ class _Move:
                 count = self._commit(plan)
                 yield from plan.setpoints[:count]
                 refuge = plan._replace(samples=plan.samples[count:], setpoints=plan.setpoints[count:])
+
+    def duration(self) -> float:
+        """See `Planner.duration`."""
+        wanted = BLOCK
+        while True:
+            self._fill(wanted)
+            cells, nodes = self._limits()
+            squares, _ = speeds_squared(cells, nodes, self._square, 0.0)
+            final = len(cells) if self._ended else self._final(cells, nodes, squares)
+            wanted = BLOCK if final else 2 * len(cells)
+            if final:
+                self._commit(_Plan(squares, final, [], []))
+            if self._ended:
+                return (math.ceil(self._time / self._planner.period) - 1 + self._rests) * self._planner.period
 
     def _fill(self, wanted: int) -> None:
         """Take pieces until there are `wanted` cells, or the motion's last."""
@@ -210,7 +228,7 @@ class _Move:
         With a limit of jerk for two cycles, so that the jerk of stopping is over before the next motion begins.
         """
         samples = []
-        cycle, taps = self._cycle, self._planner.taps
+        cycle = self._cycle
         while (t := cycle * self._planner.period - self._time) < profile.duration:
             index, s, v, a = profile.at(max(t, 0.0))
             planned = self._cells[index]
@@ -219,8 +237,14 @@ class _Move:
         if to_rest:
             planned = self._cells[-1]
             end = planned.piece.shape.length if self._ended else planned.piece.begin + planned.piece.length
-            samples += [Sample(self._starts[-1], 0.0, 0.0, planned.piece, end)] * (taps + 1 if taps > 1 else 1)
+            samples += [Sample(self._starts[-1], 0.0, 0.0, planned.piece, end)] * self._rests
         return samples
+
+    @property
+    def _rests(self) -> int:
+        """In how many cycles the profile rests at a stop, so that its mean does, and its jerk is over."""
+        taps = self._planner.taps
+        return taps + 1 if taps > 1 else 1
 
     def _smoothed(self, samples: list[Sample]) -> list[TcpSetpoint]:
         if self._planner.taps == 1:
