@@ -24,7 +24,7 @@ _spec.loader.exec_module(fuzz)
 PLACES = fuzz.places()
 
 
-@settings(derandomize=True, deadline=None, max_examples=40)
+@settings(derandomize=True, deadline=None, max_examples=32)
 @given(st.sampled_from(PLACES), st.randoms(use_true_random=False))
 def test_any_program_keeps_limits_ends_and_tolerance(place: Any, rng: random.Random) -> None:
     text = fuzz.program(rng, place)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import tracemalloc
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,10 +15,10 @@ from motion import PERIOD, arc, line, moved, polyline, used
 
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.errors import MachineFault
-from pkm_cnc.motion import MotionParameters, pieces
+from pkm_cnc.motion import Interpolator, MotionParameters, pieces
 from pkm_cnc.motion.limits import ANY_DRIVES, DriveLimits, LimitParameters
 from pkm_cnc.motion.planner import Planner
-from pkm_cnc.program import Line, PathMode
+from pkm_cnc.program import Line, PathMode, Toolpath
 
 KEPT = 1.001
 """1. What may be used of a limit."""
@@ -117,6 +118,19 @@ def test_the_path_is_taken_as_it_is_needed(motion: MotionParameters, drives: Dri
     setpoints = Planner(motion, drives, PERIOD).move(next(ahead), ahead)
     found = [taken - setpoint.segment for setpoint in itertools.islice(setpoints, 3000)]
     assert max(found) < 400
+
+
+@pytest.mark.parametrize(("motion", "setup"), [(PLAIN, CARTESIAN), (SMOOTH, TRIPOD_SMOOTH)])
+def test_a_long_slow_line_is_planned_as_it_is_needed(motion: MotionParameters, setup: Setup) -> None:
+    """0.1 m at 10 mm/min are 600,000 cycles, of which some ten thousand are planned at once."""
+    element = line((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), feed=0.01 / 60.0)
+    interpolator = Interpolator(Toolpath((element,)), motion, PERIOD, setup.drive_limits)
+    tracemalloc.start()
+    for _ in range(100):
+        interpolator.step()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50e6
 
 
 def test_a_block_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ is as long as needed, and memory does not grow with the path.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from bisect import bisect_right
 from collections.abc import Iterator
@@ -35,7 +36,9 @@ __all__ = ["Planner"]
 BLOCK = 1024
 """Cells planned together, at least: enough to brake in from usual feeds, few enough to be planned in a moment."""
 GROUP = 32
-"""Pieces cut into cells together."""
+"""Pieces cut into cells together, at most."""
+BLOCK_TIME = 10.0
+"""s. A block is no longer than it needs to be either: at 1 mm/min a thousand cells would be millions of cycles."""
 LOCAL_ROUNDS, ROUNDS = 30, 60
 """Rounds of slowing down where a limit is exceeded; then of all of the block; more are a fault."""
 FIRMNESS = 2.4
@@ -74,6 +77,17 @@ class Planner:
         return _Move(self, first, others).duration()
 
 
+def _parts(pieces: Iterator[Piece]) -> Iterator[Piece]:
+    """The pieces, those that take longer than BLOCK_TIME in parts."""
+    for piece in pieces:
+        count = max(math.ceil(piece.length / (piece.feed * BLOCK_TIME)), 1)
+        part = piece.length / count
+        for k in range(count - 1):
+            yield dataclasses.replace(piece, begin=piece.begin + k * part, length=part, stop=False)
+        begin = piece.begin + (count - 1) * part
+        yield piece if count == 1 else dataclasses.replace(piece, begin=begin, length=part)
+
+
 class _Plan(NamedTuple):
     """A block: w at its nodes, how many of its cells are final, the profile by cycle, and the setpoints."""
 
@@ -88,7 +102,7 @@ class _Move:
 
     def __init__(self, planner: Planner, first: Piece, others: Iterator[Piece]) -> None:
         self._planner = planner
-        self._pieces = chain((first,), others)
+        self._pieces = _parts(chain((first,), others))
         self._ended = False
         self._end: PieceEnd | None = None
         self._cells: list[PlannedCell] = []
@@ -101,10 +115,10 @@ class _Move:
 
     def setpoints(self) -> Iterator[TcpSetpoint]:
         """See `Planner.move`."""
-        wanted = BLOCK
+        blocks = 1
         refuge: _Plan | None = None  # how what is sent goes on to a stop
         while True:
-            self._fill(wanted)
+            self._fill(blocks)
             plan = self._plan()
             if plan is None:  # what came into view is too slow for the speed that is reached: stop before it
                 assert refuge is not None
@@ -114,36 +128,38 @@ class _Move:
                 yield from plan.setpoints
                 return
             elif plan.final == 0:
-                wanted = 2 * len(self._cells)
+                blocks *= 2
             else:
-                wanted = BLOCK
+                blocks = 1
                 count = self._commit(plan)
                 yield from plan.setpoints[:count]
                 refuge = plan._replace(samples=plan.samples[count:], setpoints=plan.setpoints[count:])
 
     def duration(self) -> float:
         """See `Planner.duration`."""
-        wanted = BLOCK
+        blocks = 1
         while True:
-            self._fill(wanted)
+            self._fill(blocks)
             cells, nodes = self._limits()
             squares, _ = speeds_squared(cells, nodes, self._square, 0.0)
             final = len(cells) if self._ended else self._final(cells, nodes, squares)
-            wanted = BLOCK if final else 2 * len(cells)
+            blocks = 1 if final else 2 * blocks
             if final:
                 self._commit(_Plan(squares, final, [], []))
             if self._ended:
                 return (math.ceil(self._time / self._planner.period) - 1 + self._rests) * self._planner.period
 
-    def _fill(self, wanted: int) -> None:
-        """Take pieces until there are `wanted` cells, or the motion's last."""
+    def _fill(self, blocks: int) -> None:
+        """Take pieces until there are so many times BLOCK cells or BLOCK_TIME, or the motion's last."""
         planner = self._planner
-        while not self._ended and len(self._cells) < wanted:
+        time = math.fsum(cell.length / math.sqrt(cell.limit) for cell, *_ in self._cells)
+        while not self._ended and len(self._cells) < blocks * BLOCK and time < blocks * BLOCK_TIME:
             group = []
             for piece in islice(self._pieces, GROUP):
                 group.append(piece)
+                time += piece.length / piece.feed
                 self._ended = piece.stop
-                if piece.stop:
+                if piece.stop or time >= blocks * BLOCK_TIME:
                     break
             cells, self._end = cells_of(group, planner.motion, planner.drives, planner.period, self._end)
             for planned in cells:

@@ -17,7 +17,7 @@ from pkm_cnc.simulation import simulated_cycles
 
 WIDE = "travel.minimum=-20.0", "travel.maximum=20.0"
 SMOOTH = load_setup("cartesian", (*WIDE, "motion.jerk=100.0", "limits.jerk=120.0", "limits.acceleration=5.0"))
-LONGEST = 100.0
+LONGEST = 60.0
 """s of machine time. Of a program that takes longer, the beginning of that length is run."""
 
 
