@@ -66,6 +66,22 @@ def test_near_the_edge_of_the_workspace_the_drive_sets_the_speed() -> None:
     assert allowed[middle].min() < 0.06
 
 
+def test_the_tripod_slows_down_along_its_edge_just_enough() -> None:
+    """Where a strut lies flat its drive is faster than the TCP: there it is at its limit, elsewhere the TCP at feed."""
+    setup = load_setup("tripod", ["limits.velocity=0.15"])
+    past = line((-0.15, 0.17, 0.0), (0.15, 0.17, 0.0), feed=0.15)
+    setpoints = moved(setup, [past], PLAIN)
+    assert 0.999 < used(setup, setpoints, PLAIN)["drive velocity"] < KEPT
+    table = np.array([setpoint[:6] for setpoint in setpoints])
+    speed = np.linalg.norm(table[:, 3:], axis=1)
+    struts = np.abs(np.diff(setup.machine.inverse(table[:, :3]), axis=0)).max(axis=1) / PERIOD
+    steady = slice(60, -60)
+    busy = struts[steady] > 0.995 * 0.15
+    assert 300 < busy.sum() < busy.size - 300
+    np.testing.assert_allclose(speed[1:][steady][~busy], 0.15, rtol=6e-3)
+    assert speed[1:][steady][busy].min() < 0.12
+
+
 @pytest.mark.parametrize("feed", [0.05, 0.167])
 @pytest.mark.parametrize("length", [0.05, 0.2])
 def test_a_long_line_takes_the_time_of_an_s_curve(length: float, feed: float) -> None:
