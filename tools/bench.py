@@ -175,8 +175,8 @@ def print_motion(folder: Path) -> None:
     for name, overrides in (("", ()), (", limits of jerk", ("motion.jerk=100.0", "limits.jerk=200.0"))):
         machine, wall, at_feed = planning(load_setup("tripod", overrides), wave(SEGMENTS))
         print(
-            f"look-ahead:               {SEGMENTS / wall:6.0f} segments/s of 0.1 mm, {machine / at_feed:.3f} x the time "
-            f"at 6000 mm/min{name}",
+            f"look-ahead:               {SEGMENTS / wall:6.0f} segments/s of 0.1 mm, in {machine / at_feed:.3f} x the "
+            f"time at 6000 mm/min{name}",
             flush=True,
         )
 
