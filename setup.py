@@ -3,7 +3,10 @@ from glob import glob
 from setuptools import find_packages, setup
 
 NAME = "pkm_cnc"
-NODES = ("interpolator", "inverse_kinematics", "servo_drive", "plant", "tcp_controller", "contour_monitor", "recorder")
+NODES = (
+    *("interpolator", "inverse_kinematics", "servo_drive", "plant", "tcp_controller", "contour_monitor", "recorder"),
+    "compensation_preprocessor",
+)
 
 setup(
     name=NAME,

@@ -1,6 +1,7 @@
 """The Cartesian machine as a ROS graph, one process per node.
 
 ros2 launch pkm_cnc cartesian.launch.py program:=FILE.ngc bag:=FOLDER [pacing:=realtime] [parameters:=FILE.yaml]
+    [attended:=true] [from_line:=N]
 """
 
 from launch import LaunchDescription

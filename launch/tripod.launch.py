@@ -1,6 +1,7 @@
 """The Tripod as a ROS graph, one process per node.
 
 ros2 launch pkm_cnc tripod.launch.py program:=FILE.ngc bag:=FOLDER [pacing:=realtime] [parameters:=FILE.yaml]
+    [attended:=true] [from_line:=N]
 """
 
 from launch import LaunchDescription

@@ -27,7 +27,7 @@ from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.plant.velocity_loop import exact_discretisation
 from pkm_cnc.servo import CASCADE_STATES, DriveParameters, cascade_state_space, filter_step
 
-__all__ = ["AxisResponse", "linear", "respond"]
+__all__ = ["AxisResponse", "axis_loop", "linear", "respond"]
 
 Array = NDArray[np.float64]
 
@@ -57,6 +57,15 @@ def linear(setup: Setup) -> None:
             "it off, or run the step loop"
         )
     for axis, parts in setup.axes.items():
+        if by := setup.imperfect(axis):
+            raise InputError(
+                f"{axis}: {by} makes the axis imperfect, and the array path takes ideal ones alone: run the step loop"
+            )
+        if parts.scale.noise != 0.0:
+            raise InputError(
+                f"{axis}.scale.noise: {parts.scale.noise} m, and the array path takes exact scales alone: set it to 0, "
+                "or run the step loop"
+            )
         if parts.scale.resolution != 0.0:
             raise InputError(
                 f"{axis}.scale.resolution: {parts.scale.resolution} m makes the axis loop nonlinear, and the array "
@@ -89,7 +98,7 @@ def respond(setup: Setup, axis: str, position: ArrayLike, velocity: ArrayLike, a
     delayed = _delayed(drive, period, commanded, speed)
     increment = np.diff(delayed, axis=-1, append=delayed[..., -1:])
     feed_forward = drive.velocity_feed_forward * speed + drive.acceleration_feed_forward * change_of_speed
-    system = _axis_loop(drive, setup.axes[axis].screw.pitch, period)
+    system = axis_loop(drive, setup.axes[axis].screw.pitch, period)
     behind, slider_velocity = _run(system, np.stack([increment, feed_forward], axis=-1))
     tracking_error = (commanded - delayed) + behind
     _supervise(axis, drive, tracking_error)
@@ -141,7 +150,7 @@ class _System(NamedTuple):
     C: Array
 
 
-def _axis_loop(drive: DriveParameters, pitch: float, period: float) -> _System:
+def axis_loop(drive: DriveParameters, pitch: float, period: float) -> _System:
     """Inputs: increment of the delayed setpoint to the next cycle, m, and feed-forward to the velocity command, m/s.
 
     Outputs: delayed setpoint less slider, m, and slider velocity, m/s. Each signal is a row: its coefficients over

@@ -1,8 +1,8 @@
-"""Checks a whole toolpath against the machine before anything moves."""
+"""Checks a whole part program against the machine before anything moves."""
 
 from __future__ import annotations
 
-import itertools
+import dataclasses
 import math
 from collections.abc import Iterator
 
@@ -13,11 +13,11 @@ from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics import reached_rows
 from pkm_cnc.motion import Curve, Interpolator, Planner, Shape, pieces
-from pkm_cnc.program import Program, Toolpath, interpret
-from pkm_cnc.records import NANOSECONDS, TcpSetpoint
+from pkm_cnc.program import Element, Event, Program, ProgramSource, Toolpath, Totals
+from pkm_cnc.records import NANOSECONDS, TcpSetpoint, Vector
 from pkm_cnc.tolerances import LIMIT_EXCESS
 
-__all__ = ["check_toolpath", "prepare", "program_time"]
+__all__ = ["CheckedProgram", "prepare"]
 
 SAMPLING = 0.25e-3
 """m. Distance of the points checked along a path. Between two of them a path on a machine of strut length 0.6 m can
@@ -27,61 +27,154 @@ PORTION = 10_000
 """Points checked at a time, so that memory does not grow with the length of an element."""
 
 
-def prepare(setup: Setup, program: Program) -> Toolpath:
-    """Interpret a program for a machine and check all of it.
+@dataclasses.dataclass(frozen=True)
+class CheckedProgram:
+    """A part program of which a machine can run all; it is read anew whenever it is run.
 
-    Raises ProgramError for what cannot be read, InputError for what the machine cannot reach.
+    `box` are the least and the greatest coordinates of the TCP, m, in base_link.
     """
-    toolpath = interpret(
-        program,
-        start=setup.start_pose,
-        zero=setup.program_zero,
-        rapid=setup.motion.rapid,
-        parameters=setup.program,
-    )
-    check_toolpath(setup, program, toolpath)
-    return toolpath
+
+    setup: Setup
+    source: ProgramSource
+    totals: Totals
+    box: tuple[Vector, Vector]
+
+    @property
+    def length(self) -> float:
+        """Path length, m."""
+        return self.totals.length
+
+    def items(self) -> Iterator[Element | Event]:
+        """See `ProgramSource.items`."""
+        return self.source.items()
+
+    def toolpath(self) -> Toolpath:
+        """All of it in memory."""
+        return self.source.toolpath()
+
+    def time(self) -> float:
+        """Time of motion and dwells, s: of a run, or somewhat less where drives and jerk slow it down.
+
+        What is not known before is not in it: how long a run waits for the TCP to be in position, or for the operator.
+        """
+        setup = self.setup
+        planner = Planner(setup.motion, setup.drive_limits, setup.servo_period)
+        path = pieces(self.items(), setup.motion, smooth=planner.taps > 1)
+        time = self.totals.dwell_time
+        while piece := next(path, None):
+            time += planner.duration(piece, path)
+        return round(time / setup.servo_period) * setup.servo_period_ns / NANOSECONDS
+
+    def interpolator(self, attended: bool = False) -> Interpolator:
+        """What runs it."""
+        setup = self.setup
+        return Interpolator(
+            self,
+            setup.motion,
+            setup.servo_period,
+            setup.drive_limits,
+            attended=attended,
+            optional_stop=setup.program.optional_stop,
+            check=self._check_rapid,
+        )
+
+    def _check_rapid(self, rapid: Element) -> None:
+        check = _Check(self.setup, self.source.program.name)
+        check.add(rapid.line, rapid)
+        check.finish()
 
 
-def program_time(setup: Setup, toolpath: Toolpath) -> float:
-    """Time of the motion and of the dwells of a program, s: that of a run, or somewhat less with limits of jerk.
+def prepare(setup: Setup, program: Program, from_line: int = 0) -> CheckedProgram:
+    """Interpret a program for a machine and check all of it, a portion at a time.
 
-    What is not known before is not in it: how long a run waits for the TCP to be in position, or for the operator.
+    Every element is checked along its length against workspace, singularities and drive travel, and so is what rounds
+    corners. Where the joints depend on what came before (`Machine.setpoint_motion`), so is every setpoint, as the run
+    will have it, and there speed and acceleration of the drives, whose limits the planner keeps elsewhere by going
+    slower; but not with motion.wait_in_position, because how long a run waits is not known before: it faults by itself.
+
+    `from_line`: from that line on, see `ProgramSource`. Raises ProgramError for what cannot be read, InputError for
+    what the machine cannot reach, naming program, line, strut or axis, the place and by how much.
     """
-    planner = Planner(setup.motion, setup.drive_limits, setup.servo_period)
-    path = pieces(toolpath.elements, setup.motion, smooth=planner.taps > 1)
-    time = math.fsum(event.value or 0.0 for event in toolpath.events if event.kind == "dwell")
-    while piece := next(path, None):
-        time += planner.duration(piece, path)
-    return round(time / setup.servo_period) * setup.servo_period_ns / NANOSECONDS
+    if from_line < 0:
+        raise InputError(f"from_line {from_line}: lines of part programs are counted from 1; 0 = all of it")
+    source = ProgramSource(program, setup.start_pose, setup.program_zero, setup.motion.rapid, setup.program, from_line)
+    check, totals = _Check(setup, program.name), Totals()
 
+    def checked() -> Iterator[Element | Event]:
+        for item in source.items():
+            totals.add(item)
+            if not isinstance(item, Event):
+                check.add(item.line, item)
+            yield item
 
-def check_toolpath(setup: Setup, program: Program, toolpath: Toolpath) -> None:
-    """Check every element along its length against workspace, singularities and drive travel, and what rounds corners.
-
-    Where the joints depend on what came before (`Machine.setpoint_motion`), every setpoint too, as the run will have
-    it, and there speed and acceleration of the drives, whose limits the planner keeps elsewhere by going slower; but
-    not with motion.wait_in_position, because how long a run waits is not known before: it faults by itself.
-    Raises InputError naming program, line, strut or axis, the place and by how much.
-    """
-    for element in toolpath.elements:
-        _check_along(setup, f"{program.name}:{element.line}", element)
-    for piece in pieces(toolpath.elements, setup.motion, smooth=True):
+    for piece in pieces(checked(), setup.motion, smooth=True):
         if isinstance(piece.shape, Curve):
-            _check_along(setup, f"{program.name}:{piece.line}", piece.shape)
+            check.add(piece.line, piece.shape)
+    result = CheckedProgram(setup, source, totals, check.finish())
     static = setup.machine.setpoint_motion(setup.start_pose, setup.servo_period) == setup.machine.motion
     if not static and not setup.motion.wait_in_position:
-        _check_setpoints(setup, program, toolpath)
+        _check_setpoints(result)
+    return result
 
 
-def _check_along(setup: Setup, where: str, shape: Shape) -> None:
-    length = shape.length
-    # The ends first: a coordinate with a zero too many is refused before a path of that length is looked at.
-    _check_points(setup, where, np.array([shape.position(0.0), shape.position(length)]))
-    steps = max(1, math.ceil(length / SAMPLING))
-    for first in range(0, steps + 1, PORTION):
-        places = range(first, min(first + PORTION, steps + 1))
-        _check_points(setup, where, np.array([shape.position(length * step / steps) for step in places]))
+class _Check:
+    """Checks shapes along their length, in portions of many short ones or of a part of a long one."""
+
+    def __init__(self, setup: Setup, name: str) -> None:
+        self._setup = setup
+        self._name = name
+        self._shapes: list[tuple[int, Shape]] = []
+        self._points = 0  # of these
+        self._least, self._greatest = np.full(3, np.inf), np.full(3, -np.inf)
+
+    def add(self, line: int, shape: Shape) -> None:
+        """Check a shape of a line of the program, now or later."""
+        steps = _steps(shape)
+        if steps >= PORTION:
+            self._flush()
+            # The ends first: a coordinate with a zero too many is refused before a path of that length is looked at.
+            self._check(line, [shape.position(0.0), shape.position(shape.length)])
+            for first in range(0, steps + 1, PORTION):
+                self._check(line, _points(shape, range(first, min(first + PORTION, steps + 1)), steps))
+            return
+        self._shapes.append((line, shape))
+        self._points += steps + 1
+        if self._points >= PORTION:
+            self._flush()
+
+    def finish(self) -> tuple[Vector, Vector]:
+        """Check what is left; return the least and greatest coordinates, m. Raises as `prepare`."""
+        self._flush()
+        (x0, y0, z0), (x1, y1, z1) = self._least.tolist(), self._greatest.tolist()
+        return (x0, y0, z0), (x1, y1, z1)
+
+    def _flush(self) -> None:
+        shapes, self._shapes, self._points = self._shapes, [], 0
+        if not shapes:
+            return
+        portions = [_points(shape, range(steps + 1), steps) for _, shape in shapes for steps in (_steps(shape),)]
+        try:
+            self._check(shapes[0][0], [point for portion in portions for point in portion])
+            return
+        except InputError:
+            pass
+        for (line, _), portion in zip(shapes, portions, strict=True):  # for the message: the first shape that fails
+            self._check(line, [portion[0], portion[-1]])
+            self._check(line, portion)
+
+    def _check(self, line: int, points: list[Vector]) -> None:
+        table = np.array(points)
+        _check_points(self._setup, f"{self._name}:{line}", table)
+        self._least = np.minimum(self._least, table.min(axis=0))
+        self._greatest = np.maximum(self._greatest, table.max(axis=0))
+
+
+def _steps(shape: Shape) -> int:
+    return max(1, math.ceil(shape.length / SAMPLING))
+
+
+def _points(shape: Shape, places: range, steps: int) -> list[Vector]:
+    return [shape.position(shape.length * step / steps) for step in places]
 
 
 def _check_points(setup: Setup, where: str, points: NDArray[np.float64]) -> None:
@@ -92,10 +185,11 @@ def _check_points(setup: Setup, where: str, points: NDArray[np.float64]) -> None
     _check_joints(setup, where, points, setup.machine.inverse(points))
 
 
-def _check_setpoints(setup: Setup, program: Program, toolpath: Toolpath) -> None:
+def _check_setpoints(checked: CheckedProgram) -> None:
+    setup = checked.setup
     motion = setup.machine.setpoint_motion(setup.start_pose, setup.servo_period)
-    for segment, setpoints in _portions(Interpolator(toolpath, setup.motion, setup.servo_period, setup.drive_limits)):
-        where = f"{program.name}:{toolpath.elements[segment].line}"
+    for line, setpoints in _portions(checked.interpolator()):
+        where = f"{checked.source.program.name}:{line}"
         table = np.array([setpoint[:9] for setpoint in setpoints])
         points = table[:, 0:3]
         rows, refusal = reached_rows(
@@ -125,15 +219,18 @@ def _check_rates(setup: Setup, where: str, points: NDArray[np.float64], rows: ND
 
 
 def _portions(interpolator: Interpolator) -> Iterator[tuple[int, list[TcpSetpoint]]]:
-    """The setpoints of a run that is in position at once wherever it waits, in portions of one segment each."""
-
-    def setpoints() -> Iterator[TcpSetpoint]:
-        while not interpolator.finished:
-            yield interpolator.step()
-
-    for segment, group in itertools.groupby(setpoints(), key=lambda setpoint: setpoint.segment):
-        while portion := list(itertools.islice(group, PORTION)):
-            yield segment, portion
+    """The setpoints of a run that is in position at once wherever it waits, in portions, with their line."""
+    line, portion = 0, list[TcpSetpoint]()
+    while not interpolator.finished:
+        setpoint = interpolator.step()
+        segments, _ = interpolator.take_segments(), interpolator.take_events()
+        if portion and (segments or len(portion) >= PORTION):
+            yield line, portion
+            portion = []
+        if segments:
+            line = segments[-1].element.line
+        portion.append(setpoint)
+    yield line, portion
 
 
 def _check_joints(setup: Setup, where: str, points: NDArray[np.float64], joints: NDArray[np.float64]) -> None:

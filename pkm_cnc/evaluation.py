@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +27,7 @@ from pkm_cnc.contour import (
     line_report,
 )
 from pkm_cnc.errors import InputError
-from pkm_cnc.program import Arc, Element, Line
+from pkm_cnc.program import Arc, Element, Line, Program, ProgramSource, Toolpath
 from pkm_cnc.records import NANOSECONDS, ContourError, TcpSetpoint
 
 __all__ = ["Evaluation", "evaluate", "setup_of"]
@@ -84,13 +85,18 @@ class Evaluation:
         }
 
 
-def evaluate(run: Run) -> Evaluation:
-    """Judge a recorded run by the code that judged it while it ran.
+def evaluate(run: Run, reference: Program | None = None) -> Evaluation:
+    """Judge a recorded run by the code that judged it while it ran; by the contour of `reference` where it is given.
 
+    The run then went along that contour in its order, by the share of the path length.
     Raises InputError for a bag that holds no run of ours, or not one whole cycle of it.
     """
     info = _run_info(run)
     elements, starts = _contour(run)
+    recorded_length = starts[-1] + elements[-1].length if elements else 0.0
+    if reference is not None:
+        contour = _contour_of(reference, setup_of(run))
+        elements, starts = list(contour.elements), list(contour.starts)
     cycles = run.cycles()
     if not cycles:
         raise InputError(f"bag {run.folder}: it holds no complete cycle")
@@ -99,11 +105,12 @@ def evaluate(run: Run) -> Evaluation:
     monitor = ContourMonitor()
     for index, (element, start) in enumerate(zip(elements, starts, strict=True)):
         monitor.add_segment(index, element, start)
+    setpoints = _setpoints(run.servo["tcp/setpoint"][:cycles])
+    if reference is not None:
+        setpoints = _led(setpoints, starts, (starts[-1] + elements[-1].length) / recorded_length)
     errors = [
         monitor.step(setpoint, tuple(believed_point), tuple(true_point))[1]
-        for setpoint, believed_point, true_point in zip(
-            _setpoints(run.servo["tcp/setpoint"][:cycles]), believed.tolist(), true.tolist(), strict=True
-        )
+        for setpoint, believed_point, true_point in zip(setpoints, believed.tolist(), true.tolist(), strict=True)
     ]
     ends = run.slow.get("run_end", [])
     return Evaluation(
@@ -135,6 +142,18 @@ def _contour(run: Run) -> tuple[list[Element], list[float]]:
     if [content.index for content in contents] != list(range(len(contents))):
         raise InputError(f"bag {run.folder}: a toolpath segment is missing")
     return [run_messages.element_of(content) for content in contents], [content.path_start for content in contents]
+
+
+def _contour_of(reference: Program, setup: Setup) -> Toolpath:
+    source = ProgramSource(reference, setup.start_pose, setup.program_zero, setup.motion.rapid, setup.program)
+    return source.toolpath().contour
+
+
+def _led(setpoints: Iterator[TcpSetpoint], starts: list[float], rate: float) -> Iterator[TcpSetpoint]:
+    """`setpoints` with segment and path length of a contour with these starts, `rate` times as long as the recorded."""
+    for setpoint in setpoints:
+        s = rate * setpoint.path_length
+        yield setpoint._replace(path_length=s, segment=max(bisect_left(starts, s) - 1, 0))
 
 
 def _columns(rows: NDArray[Any], prefix: str) -> NDArray[np.float64]:

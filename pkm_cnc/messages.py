@@ -22,11 +22,14 @@ from rosbags.typesys.store import Typestore
 from pkm_cnc.errors import InputError
 from pkm_cnc.records import NANOSECONDS
 
-__all__ = ["Codec", "codec", "deserialize", "message", "serialize", "stamp", "typestore"]
+__all__ = ["Codec", "codec", "deserialize", "message", "serialize", "stamp", "time_of", "typestore"]
 
 _CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _FORMATS = {"bool": "?", "uint8": "B", "int32": "i", "uint32": "I", "uint64": "Q", "float64": "d"}
 _BASE, _NAME = 1, 2
+_STAMP = struct.Struct("<iI")
+_MARKERS_STAMP, _HEADER_STAMP = 8, 4
+"""Offset of the first stamp in a MarkerArray (behind the number of markers) and in a message with a header."""
 
 
 def _message_folder() -> Path:
@@ -120,6 +123,13 @@ def codec(typename: str, frame_id: str) -> Codec:
 def stamp(time: int) -> Any:
     """builtin_interfaces/Time of `time` ns."""
     return typestore().types["builtin_interfaces/msg/Time"](*divmod(time, NANOSECONDS))
+
+
+def time_of(data: bytes, typename: str) -> int:
+    """The stamp, ns, of a message that begins with a header, or of a MarkerArray that of its first marker."""
+    offset = _MARKERS_STAMP if typename == "visualization_msgs/msg/MarkerArray" else _HEADER_STAMP
+    seconds, nanoseconds = _STAMP.unpack_from(data, offset)
+    return int(seconds * NANOSECONDS + nanoseconds)
 
 
 def message(typename: str, **fields: Any) -> Any:

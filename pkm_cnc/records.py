@@ -7,16 +7,33 @@ points and vectors written out. SI units; positions of the TCP in `base_link`.
 from typing import NamedTuple
 
 __all__ = [
+    "CMD_ABORT",
+    "CMD_FEED_OVERRIDE",
+    "CMD_HOLD",
+    "CMD_RAPID_OVERRIDE",
+    "CMD_RESET",
+    "CMD_RESUME",
+    "CMD_SINGLE_BLOCK",
+    "CMD_START",
     "NANOSECONDS",
     "PHASE_END",
     "PHASE_HOLD",
     "PHASE_MOVE",
+    "STATE_ABORTED",
+    "STATE_ABORTING",
+    "STATE_FINISHED",
+    "STATE_HELD",
+    "STATE_HOLDING",
+    "STATE_PROGRAM_STOP",
+    "STATE_READY",
+    "STATE_RUNNING",
     "STATUS_NORMAL",
     "STATUS_TRAVEL_END",
     "AxisCommand",
     "AxisCorrection",
     "AxisSetpoint",
     "AxisState",
+    "Command",
     "ContourError",
     "TcpSetpoint",
     "TcpState",
@@ -34,6 +51,32 @@ PHASE_MOVE, PHASE_HOLD, PHASE_END = 0, 1, 2
 
 STATUS_NORMAL, STATUS_TRAVEL_END = 0, 1
 """The slider is within its travel | the slider is at or beyond an end of its travel."""
+
+CMD_START, CMD_HOLD, CMD_RESUME, CMD_ABORT, CMD_RESET, CMD_SINGLE_BLOCK, CMD_FEED_OVERRIDE, CMD_RAPID_OVERRIDE = range(
+    8
+)
+"""What an operator commands: begin the program | stop on the path | go on | stop on the path and give the program up |
+be ready after that | stop after each block (1) or not (0) | scale the feeds | scale the rapids (both by 0 to 2)."""
+
+(
+    STATE_READY,
+    STATE_RUNNING,
+    STATE_HOLDING,
+    STATE_HELD,
+    STATE_PROGRAM_STOP,
+    STATE_ABORTING,
+    STATE_ABORTED,
+    STATE_FINISHED,
+) = range(8)
+"""Waits for start | runs the program | stops for a hold | rests until resume | rests at M0 or M1 until resume | stops
+for an abort | rests until reset | the program's last setpoint is out."""
+
+
+class Command(NamedTuple):
+    """A command of the operator: CMD_*, and its number where the kind has one (0 where not)."""
+
+    kind: int
+    value: float = 0.0
 
 
 class TcpSetpoint(NamedTuple):

@@ -5,25 +5,60 @@ from __future__ import annotations
 import importlib.metadata
 import math
 import platform
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 from pkm_cnc import __version__
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import SegmentSummary
 from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.messages import deserialize, message, serialize
-from pkm_cnc.program import Arc, Line, Plane, Program
-from pkm_cnc.records import Vector
+from pkm_cnc.program import Arc, Event, EventKind, Line, Plane, Program
+from pkm_cnc.records import Command, Vector
+from pkm_cnc.status import Status
 from pkm_cnc.topics import BASE_FRAME
 
-__all__ = ["COMPLETED", "End", "element_of", "end_of", "ended", "run_end", "run_info", "segment", "segment_summary"]
+__all__ = [
+    "COMPLETED",
+    "EVENT_KINDS",
+    "NEUTRAL",
+    "End",
+    "RunOptions",
+    "command_of",
+    "controller_status",
+    "element_of",
+    "end_of",
+    "ended",
+    "operator_command",
+    "program_event",
+    "run_end",
+    "run_info",
+    "segment",
+    "segment_summary",
+]
 
 LINE, ARC = 0, 1
 """Kinds of elements: an arc's is ARC plus the number of its plane."""
 
+EVENT_KINDS = {kind: number for number, kind in enumerate(get_args(EventKind))}
+"""Numbers of the kinds of events in ProgramEvent."""
+
 COMPLETED = "run completed in cycle "
 """What a node's process prints after a run that completed, before the number of the last cycle."""
+
+
+class RunOptions(NamedTuple):
+    """What a run depends on beside machine, program and commands.
+
+    `attended`: an operator starts the program, and it waits for him; `from_line`: the line it begins at, 0 = its first.
+    """
+
+    attended: bool = False
+    from_line: int = 0
+
+
+NEUTRAL = RunOptions()
 
 
 class End(NamedTuple):
@@ -47,7 +82,7 @@ class End(NamedTuple):
             )
 
 
-def run_info(setup: Setup, program: Program) -> bytes:
+def run_info(setup: Setup, program: Program, options: RunOptions) -> bytes:
     """pkm_cnc_msgs/RunInfo: what made the run."""
     versions = {"pkm_cnc": __version__, "python": platform.python_version()}
     versions |= {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "rosbags", "mcap")}
@@ -61,6 +96,7 @@ def run_info(setup: Setup, program: Program) -> bytes:
             program=program.text,
             versions="\n".join(f"{name} {version}" for name, version in versions.items()),
             servo_period=setup.servo_period_ns,
+            **options._asdict(),
         )
     )
 
@@ -109,6 +145,38 @@ def element_of(content: Any) -> Line | Arc:
 def segment_summary(summary: SegmentSummary, time: int) -> bytes:
     """pkm_cnc_msgs/SegmentSummary of one evaluated segment."""
     return serialize(message("pkm_cnc_msgs/msg/SegmentSummary", header=(time, ""), **summary._asdict()))
+
+
+def operator_command(command: Command, cycle: int, time: int) -> bytes:
+    """pkm_cnc_msgs/OperatorCommand of a command that takes effect in `cycle`; `time` = stamp of that cycle, ns."""
+    return serialize(message("pkm_cnc_msgs/msg/OperatorCommand", header=(time, ""), cycle=cycle, **command._asdict()))
+
+
+def command_of(content: Any) -> tuple[int, Command]:
+    """The cycle and the command that an OperatorCommand message object tells."""
+    return content.cycle, Command(content.kind, content.value)
+
+
+def program_event(event: Event, cycle: int, time: int) -> bytes:
+    """pkm_cnc_msgs/ProgramEvent of an event that happens in `cycle`; `time` = stamp of that cycle, ns."""
+    return serialize(
+        message(
+            "pkm_cnc_msgs/msg/ProgramEvent",
+            header=(time, ""),
+            cycle=cycle,
+            line=event.line,
+            kind=EVENT_KINDS[event.kind],
+            value=math.nan if event.value is None else float(event.value),
+            text=event.text,
+        )
+    )
+
+
+def controller_status(status: Status, blocks: Sequence[str], cycle: int, time: int) -> bytes:
+    """pkm_cnc_msgs/ControllerStatus of `cycle`; `blocks` are the program's lines, `time` = stamp of the cycle, ns."""
+    block = blocks[status.line - 1].strip() if 0 < status.line <= len(blocks) else ""
+    fields = {**status._asdict(), "block": block}
+    return serialize(message("pkm_cnc_msgs/msg/ControllerStatus", header=(time, ""), cycle=cycle, **fields))
 
 
 def run_end(end: End, time: int) -> bytes:

@@ -19,6 +19,7 @@ from pkm_cnc.nodes.message_types import message_class
 from pkm_cnc.nodes.recorder import RecorderNode
 from pkm_cnc.nodes.runner import run_nodes
 from pkm_cnc.program import read_program
+from pkm_cnc.run_messages import NEUTRAL
 from pkm_cnc.simulation import simulate
 from pkm_cnc.topics import RECORDER, recorded_topics, topics
 
@@ -33,9 +34,9 @@ def simulated(program, bag, *overrides, machine="tripod"):
         return simulate(setup, content, prepare(setup, content), sink)
 
 
-def run_graph(program, bag, *overrides, machine="tripod", pacing="fast", tick=lambda cycle: None):
+def run_graph(program, bag, *overrides, machine="tripod", pacing="fast", tick=lambda cycle: None, options=NEUTRAL):
     """Run the program in a file through the graph in this process; return how it ended."""
-    return run_in_one_process(load_setup(machine, overrides), str(program), str(bag), pacing, tick)
+    return run_in_one_process(load_setup(machine, overrides), str(program), str(bag), pacing, tick, options)
 
 
 @contextlib.contextmanager

@@ -47,9 +47,8 @@ def started(*arguments, **options):
         [*COMMAND, *map(str, arguments)],
         env=environment(),
         stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
         text=True,
-        **options,
+        **{"stderr": subprocess.PIPE, **options},
     )
     below = set()
     try:

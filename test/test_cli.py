@@ -463,11 +463,3 @@ def test_as_a_process_in_a_pipe() -> None:
     checked = command("check", "/dev/stdin", *MACHINE, "--json", input=program.stdout)
     assert (checked.returncode, checked.stderr) == (0, "")
     assert len(json.loads(checked.stdout)["motion"]) == 4
-
-
-def test_what_a_run_does_not_act_on_is_said(tmp_path: Path) -> None:
-    program = tmp_path / "events.ngc"
-    program.write_text("G21 G90\nM3 S1000\nG1 X1 F3000\nG4 P0.5\nM2\n")
-    result = pkm("simulate", program, *MACHINE, "--bag", tmp_path / "bag")
-    assert result.code == 0
-    assert f"{program}:2: spindle speed (and 2 more): not acted on, the motion alone is run" in result.err

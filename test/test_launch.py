@@ -9,6 +9,7 @@ import pytest
 
 from pkm_cnc.bringup import describe_graph
 from pkm_cnc.config import load_setup, machine_files
+from pkm_cnc.errors import InputError
 from pkm_cnc.topics import ANYONE, topics
 
 LAUNCH_FILES = Path(__file__).resolve().parents[1] / "launch"
@@ -81,14 +82,15 @@ def test_arguments(described, machine):
     parts = described(machine)["DeclareLaunchArgument"]
     defaults = {part.arguments[0]: part.keywords.get("default_value") for part in parts}
     assert load_setup(defaults.pop("parameters")).machine_name == machine
-    assert defaults == {"program": None, "bag": None, "pacing": "fast"}
+    neutral = {"pacing": "fast", "attended": "false", "from_line": "0"}
+    assert defaults == {"program": None, "bag": None, **neutral}
     assert all(part.keywords["description"] for part in parts)
 
 
 def _plain(parameters):
-    """Parameter file, and parameters; all of these are texts, even a file called 1."""
+    """Parameter file, and parameters; all of these keep their types, a file called 1 is a text."""
     file, values = parameters
-    assert all(value.keywords == {"value_type": str} for value in values.values())
+    assert all(value.keywords == {"value_type": type(value.arguments[0])} for value in values.values())
     return [file, {name: value.arguments[0] for name, value in values.items()}]
 
 
@@ -97,14 +99,24 @@ def test_nodes(described, tmp_path, name):
     machine = tmp_path / "mine.yaml"
     machine.write_text(load_setup(name, ["drive.kv=25"]).to_yaml())
     (function,) = (part.keywords["function"] for part in described(name)["OpaqueFunction"])
-    given = {"program": "star.ngc", "bag": "there", "pacing": "realtime", "parameters": str(machine)}
+    given = {"program": "1.10", "bag": "there", "pacing": "realtime", "parameters": str(machine)}
+    given |= {"attended": "True", "from_line": "7"}
     nodes = [node.keywords for node in function(given)]
     extra = {f"{node['namespace']}/{node['name']}".lstrip("/"): _plain(node["parameters"]) for node in nodes}
-    assert extra.pop("interpolator") == [str(machine), {"program": "star.ngc", "pacing": "realtime"}]
+    run = {"program": "1.10", "pacing": "realtime", "attended": True, "from_line": 7}
+    assert extra.pop("interpolator") == [str(machine), run]
     assert extra.pop("recorder") == [str(machine), {"bag": "there"}]
     others = expected(load_setup(name).axes) - {"interpolator", "recorder"}
     assert extra == {node: [str(machine), {}] for node in others}
     assert {(node["package"], node["name"]) for node in nodes} == {("pkm_cnc", node["executable"]) for node in nodes}
+
+
+@pytest.mark.parametrize(("name", "value"), [("attended", "yes"), ("from_line", "-1"), ("from_line", "2.5")])
+def test_an_argument_that_means_nothing_is_refused(described, name, value):
+    (function,) = (part.keywords["function"] for part in described("tripod")["OpaqueFunction"])
+    given = {"program": "p", "bag": "b", "pacing": "fast", "attended": "false", "from_line": "0"}
+    with pytest.raises(InputError, match=f"{name}: '{value}' is not "):
+        function({**given, "parameters": "tripod", name: value})
 
 
 @pytest.mark.parametrize(("status", "stops"), [(0, False), (1, True), (2, True), (-9, True)])

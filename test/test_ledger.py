@@ -58,6 +58,22 @@ def test_a_run_is_whole_with_its_last_actual_its_segments_and_its_summaries() ->
     book.take_segment(1, evaluated=True)
     assert not book.whole
     book.take_summary()
+    assert not book.whole
+    book.finished(commands=0, events=0)
+    assert book.whole
+
+
+def test_a_run_is_whole_with_all_the_commands_and_events_that_its_last_status_counts() -> None:
+    book = ledger()
+    fill(book, 4)
+    book.ends_with(4, 0)
+    book.take_segment(0, evaluated=False)
+    book.take_told("program/event")
+    book.finished(commands=1, events=2)
+    assert not book.whole
+    book.take_told("program/event")
+    assert not book.whole
+    book.take_told("operator/command")
     assert book.whole
 
 
@@ -76,6 +92,7 @@ def test_without_the_actual_behind_the_last_cycle_it_is_not_whole() -> None:
         for topic in SERVO:
             book.take(topic, cycle)
     book.ends_with(2, 0)
+    book.finished(commands=0, events=0)
     book.take_segment(0, evaluated=False)
     assert not book.whole
     book.take("b/actual", 3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pkm_cnc.check import prepare, program_time
+from pkm_cnc.check import prepare
 from pkm_cnc.config import load_setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.program import Program
@@ -35,5 +35,5 @@ def test_the_time_is_that_of_the_motion_and_its_dwells(jerk: float) -> None:
     setup = load_setup("cartesian", [f"motion.jerk={jerk}", "motion.acceleration=2.0"])
     program = Program("dwell.ngc", "G1 X50 F6000\nG4 P1.5\nY30 F3000\nM2\n")
     ideal = 0.05 / 0.1 + 0.1 / 2.0 + 1.5 + 0.03 / 0.05 + 0.05 / 2.0 + (2.0 * 2.0 / jerk if jerk else 0.0)
-    found = program_time(setup, prepare(setup, program))
+    found = prepare(setup, program).time()
     assert ideal <= found + 1e-9 <= ideal + 2.0 * (0.001 if not jerk else 0.003)

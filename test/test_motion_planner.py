@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import tracemalloc
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.errors import MachineFault
 from pkm_cnc.motion import Interpolator, MotionParameters, pieces
 from pkm_cnc.motion.limits import ANY_DRIVES, DriveLimits, LimitParameters
-from pkm_cnc.motion.planner import Planner
+from pkm_cnc.motion.planner import Demand, Planner
 from pkm_cnc.program import Line, PathMode, Toolpath
 
 KEPT = 1.001
@@ -131,8 +130,14 @@ def test_the_path_is_taken_as_it_is_needed(motion: MotionParameters, drives: Dri
                 yield line(ends[0], ends[1], feed=0.05, mode=PathMode("G64", 1e-5))
 
     ahead = pieces(endless(), motion, smooth=motion.jerk > 0.0)
-    setpoints = Planner(motion, drives, PERIOD).move(next(ahead), ahead)
-    found = [taken - setpoint.segment for setpoint in itertools.islice(setpoints, 3000)]
+    planner = Planner(motion, drives, PERIOD)
+    found: list[int] = []
+    while len(found) < 3000:
+        move, sent, ends = planner.move(next(ahead), ahead), 0, False
+        while not ends:
+            setpoints, _, ends, *_ = move.portion(sent, Demand(1.0, False))
+            sent = len(setpoints)
+            found += [taken - setpoint.segment for setpoint in setpoints]
     assert max(found) < 400
 
 
@@ -182,7 +187,7 @@ def test_an_arc_is_run_at_what_its_radius_allows() -> None:
 
 
 def test_a_limit_that_cannot_be_kept_is_a_fault_naming_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pkm_cnc.motion.planner.ROUNDS", 1)
+    monkeypatch.setattr("pkm_cnc.motion.block.ROUNDS", 1)
     with pytest.raises(MachineFault, match=r"line 1: .*limits cannot be kept .*% too fast") as caught:
         moved(TRIPOD_SMOOTH, [ACROSS], SMOOTH)
     assert "\n" not in str(caught.value)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pkm_cnc.nodes.watchdog import Report, Watchdog
+from pkm_cnc.nodes.watchdog import OPERATOR, Report, Watchdog
 from pkm_cnc.topics import CONTOUR_MONITOR, INTERPOLATOR, RECORDER, nodes, topics
 
 AXES = ("u1", "u2", "u3")
@@ -123,6 +123,32 @@ def test_who_waited_once_and_went_on_is_not_excused_later():
         watchdog.take(Report(node, waits_for, "topic", 100), 4.0)
     watchdog.take(Report("u2/servo_drive", "u2/plant", "u2/actual", 5000), 63.0)
     assert watchdog.verdict(5.2, 65.2) == "u2/plant has not answered cycle 5000 on u2/actual for 5 s"
+
+
+def waiting_for_the_operator(told_at):
+    watchdog = Watchdog(5.0)
+    watchdog.take(Report(INTERPOLATOR, OPERATOR, "operator/command", 100), told_at)
+    watchdog.take(Report("inverse_kinematics", INTERPOLATOR, "tcp/setpoint", 100), 600.0)
+    watchdog.take(Report("u2/servo_drive", "inverse_kinematics", "u2/setpoint", 100), 600.0)
+    return watchdog
+
+
+def test_while_the_operator_is_waited_for_nobody_is_missing():
+    assert waiting_for_the_operator(599.5).verdict(595.0, 600.5) == ""
+
+
+def test_an_interpolator_that_dies_while_it_waits_for_the_operator_is_named():
+    verdict = waiting_for_the_operator(595.0).verdict(595.0, 600.5)
+    assert verdict == "interpolator has not answered cycle 100 on tcp/setpoint for 5 s"
+
+
+def test_a_node_that_died_meanwhile_is_named_when_the_interpolator_has_gone_on():
+    watchdog = waiting_for_the_operator(599.5)
+    watchdog.take(Report("u2/servo_drive", "u2/plant", "u2/actual", 101), 604.0)
+    watchdog.take(Report("inverse_kinematics", INTERPOLATOR, "tcp/setpoint", 116), 604.0)
+    watchdog.take(Report(INTERPOLATOR, "recorder", "recorder/progress", 100), 604.0)
+    watchdog.take(Report("recorder", "u2/plant", "u2/actual", 101), 604.0)
+    assert watchdog.verdict(8.0, 605.0) == "u2/plant has not answered cycle 101 on u2/actual for 5 s"
 
 
 def test_waiting_is_told_before_it_is_judged():

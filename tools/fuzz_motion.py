@@ -120,7 +120,7 @@ def _row(rng: random.Random, start: Sequence[float], end: Sequence[float]) -> li
 
 def sent(setup: Setup, text: str) -> tuple[Toolpath, list[TcpSetpoint]]:
     """The toolpath of a program and its setpoints, with some of the rest before and behind. Raises InputError."""
-    toolpath = prepare(setup, Program("fuzz.ngc", text))
+    toolpath = prepare(setup, Program("fuzz.ngc", text)).toolpath()
     interpolator = Interpolator(toolpath, setup.motion, setup.servo_period, setup.drive_limits)
     setpoints = []
     while not interpolator.finished:

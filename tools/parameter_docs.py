@@ -7,7 +7,7 @@ from pathlib import Path
 from pkm_cnc.config import AXIS_SECTIONS, ControllerParameters, GraphParameters
 from pkm_cnc.kinematics import load_kinematics, machine_names
 from pkm_cnc.motion import MotionParameters
-from pkm_cnc.nodes.ros_parameters import RUN_PARAMETERS
+from pkm_cnc.nodes.ros_parameters import RunParameters
 from pkm_cnc.parameters import Parameter, parameters_of
 from pkm_cnc.program import ProgramParameters
 
@@ -31,14 +31,9 @@ def document() -> str:
     parts.append(_section("motion", "motion.", MotionParameters))
     parts += [_section(f"{name} (per axis)", f"{name}.", section) for name, section in AXIS_SECTIONS.items()]
     parts.append(_section("graph", "graph.", GraphParameters))
-    run = [
-        "## Of a run",
-        "",
-        "Given to a node beside those of the machine (`-p KEY:=VALUE`), never in a machine file.",
-        "",
-    ]
-    run += ["| key | meaning |", "|---|---|", *(f"| `{key}` | {text} |" for key, text in RUN_PARAMETERS.items()), ""]
-    return "\n".join([*parts, *run])
+    remark = "Given to a node beside those of the machine (`-p KEY:=VALUE`), never in a machine file."
+    parts.append(_section("Of a run", "", RunParameters, remark))
+    return "\n".join(parts)
 
 
 def _section(title: str, prefix: str, section: type, remark: str = "") -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from pkm_cnc.run_messages import NEUTRAL, RunOptions
 from pkm_cnc.topics import INTERPOLATOR, RECORDER, nodes
 
 __all__ = ["GraphNodeSpec", "describe_graph"]
@@ -15,7 +16,7 @@ class GraphNodeSpec(NamedTuple):
 
     executable: str
     namespace: str
-    parameters: dict[str, str]
+    parameters: dict[str, str | bool | int]
 
     @property
     def full_name(self) -> str:
@@ -24,13 +25,21 @@ class GraphNodeSpec(NamedTuple):
 
 
 def describe_graph(
-    axes: Sequence[str], program: str, bag: str, pacing: str, tcp_control: bool = False
+    axes: Sequence[str],
+    program: str,
+    bag: str,
+    pacing: str,
+    tcp_control: bool = False,
+    options: RunOptions = NEUTRAL,
 ) -> list[GraphNodeSpec]:
     """The nodes of a machine with these axes that run `program`, paced "fast" or "realtime", recorded to `bag`.
 
     `tcp_control`: with the controller that looks at the TCP.
     """
-    extra = {INTERPOLATOR: {"program": program, "pacing": pacing}, RECORDER: {"bag": bag}}
+    extra: dict[str, dict[str, str | bool | int]] = {
+        INTERPOLATOR: {"program": program, "pacing": pacing, **options._asdict()},
+        RECORDER: {"bag": bag},
+    }
     specs = []
     for name in nodes(axes, tcp_control):
         namespace, _, executable = name.rpartition("/")

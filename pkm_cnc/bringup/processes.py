@@ -11,14 +11,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import yaml
 
 from pkm_cnc.bringup.description import GraphNodeSpec, describe_graph
 from pkm_cnc.bringup.environment import sole_machine
+from pkm_cnc.bringup.listener import Hear, listening
 from pkm_cnc.config import Setup
-from pkm_cnc.run_messages import COMPLETED, End
+from pkm_cnc.run_messages import COMPLETED, NEUTRAL, End, RunOptions
 from pkm_cnc.topics import RECORDER
 
 __all__ = ["run_in_processes"]
@@ -34,13 +36,19 @@ TERMINATION_TIMEOUT = 10.0
 
 
 def run_in_processes(
-    setup: Setup, program: str, bag: str, pacing: str, tick: Callable[[int], None] = lambda cycle: None
+    setup: Setup,
+    program: str,
+    bag: str,
+    pacing: str,
+    tick: Callable[[int], None] = lambda cycle: None,
+    options: RunOptions = NEUTRAL,
+    hear: Hear | None = None,
 ) -> End:
     """Run the graph with one process per node; `tick` is called some ten times a second, with 0.
 
-    Raises MachineFault where another machine runs in the ROS domain.
+    `hear` gets the messages of the topics HEARD. Raises MachineFault where another machine runs in the ROS domain.
     """
-    specs = describe_graph(tuple(setup.axes), program, bag, pacing, setup.tcp_control.active)
+    specs = describe_graph(tuple(setup.axes), program, bag, pacing, setup.tcp_control.active, options)
     with sole_machine() as lock, tempfile.TemporaryDirectory(prefix="pkm_cnc_") as folder:
         Path(folder, MACHINE_FILE).write_text(setup.to_yaml(), encoding="utf-8")
         processes: dict[str, subprocess.Popen[bytes]] = {}
@@ -48,8 +56,14 @@ def run_in_processes(
             with _held_signals():
                 for spec in specs:
                     processes[spec.full_name] = _start(spec, Path(folder), lock)
-            order = _wait(processes, tick)
+            with contextlib.nullcontext() if hear is None else listening(tuple(setup.axes), hear) as look:
+                order = _wait(processes, tick if look is None else partial(_look_and_tick, look, tick))
         return _end_of({name: processes[name] for name in order}, Path(folder))
+
+
+def _look_and_tick(look: Callable[[], None], tick: Callable[[int], None], cycle: int) -> None:
+    look()
+    tick(cycle)
 
 
 def _start(spec: GraphNodeSpec, folder: Path, lock: int) -> subprocess.Popen[bytes]:

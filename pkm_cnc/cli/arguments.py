@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 from pathlib import Path
 
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.errors import InputError
-from pkm_cnc.program import Program, Toolpath
+from pkm_cnc.program import Program, read_program, with_reference
 from pkm_cnc.report import write_whole
 
-__all__ = ["add_bag", "add_machine", "add_program", "make_folder", "print_bag", "setup_of", "tell_events", "write_text"]
+__all__ = [
+    "add_bag",
+    "add_from_line",
+    "add_machine",
+    "add_program",
+    "add_reference",
+    "make_folder",
+    "print_bag",
+    "program_of",
+    "setup_of",
+    "write_text",
+]
 
 
 def add_machine(parser: argparse.ArgumentParser, default: str | None = None) -> None:
@@ -39,9 +49,41 @@ def add_program(parser: argparse.ArgumentParser) -> None:
     add_machine(parser)
 
 
+def add_reference(parser: argparse.ArgumentParser) -> None:
+    """Add the program whose contour counts."""
+    parser.add_argument(
+        "--reference",
+        metavar="FILE",
+        help="part program whose contour the run is judged by, in the same order (PROGRAM, or what it was made from)",
+    )
+
+
+def program_of(arguments: argparse.Namespace) -> Program:
+    """PROGRAM, with --reference, if there is one. Raises InputError."""
+    program = read_program(arguments.program)
+    return with_reference(program, read_program(arguments.reference)) if arguments.reference else program
+
+
 def add_bag(parser: argparse.ArgumentParser) -> None:
     """Add the bag to be recorded."""
     parser.add_argument("--bag", required=True, metavar="DIR", help="folder of the bag; must not exist")
+
+
+def add_from_line(parser: argparse.ArgumentParser) -> None:
+    """Add --from-line."""
+    parser.add_argument(
+        "--from-line",
+        type=_line_number,
+        default=0,
+        metavar="N",
+        help="begin at the first motion of line N or after it",
+    )
+
+
+def _line_number(text: str) -> int:
+    if not text.isdecimal() or not 0 < int(text) < 2**31:
+        raise argparse.ArgumentTypeError(f"{text!r} is not the number of a line")
+    return int(text)
 
 
 def print_bag(bag: str, machine: float, wall: float) -> None:
@@ -52,18 +94,6 @@ def print_bag(bag: str, machine: float, wall: float) -> None:
 def setup_of(arguments: argparse.Namespace) -> Setup:
     """The machine that --machine and --set name. Raises InputError."""
     return load_setup(arguments.machine, arguments.set)
-
-
-def tell_events(program: Program, toolpath: Toolpath) -> None:
-    """Say on stderr what a program asks for besides motion and its end, because no run acts on it."""
-    ignored = [event for event in toolpath.events if event.kind != "program_end"]
-    if ignored:
-        line, what = ignored[0].line, ignored[0].kind.replace("_", " ")
-        others = f" (and {len(ignored) - 1} more)" if len(ignored) > 1 else ""
-        print(
-            f"pkm_cnc: {program.name}:{line}: {what}{others}: not acted on, the motion alone is run; check lists them",
-            file=sys.stderr,
-        )
 
 
 def make_folder(folder: Path) -> None:

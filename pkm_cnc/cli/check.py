@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from pkm_cnc.check import prepare, program_time
+from pkm_cnc.check import prepare
 from pkm_cnc.cli.arguments import add_program, setup_of
 from pkm_cnc.program import Event, canonical_events, canonical_motion, read_motions, read_program
 
@@ -38,8 +38,8 @@ def _check(arguments: argparse.Namespace) -> None:
     commands_something = any(event["kind"] != "program_end" for event in events)
     length, time = 0.0, sum(event["value"] for event in events if event["kind"] == "dwell")
     if motion or not commands_something:
-        toolpath = prepare(setup, program)
-        length, time = toolpath.length, program_time(setup, toolpath)
+        checked = prepare(setup, program)
+        length, time = checked.length, checked.time()
     if arguments.json:
         print(json.dumps({"motion": motion, "events": events, "time_s": time}))
         return

@@ -9,13 +9,39 @@ import sys
 from collections.abc import Sequence
 
 from pkm_cnc import __version__
-from pkm_cnc.cli import calibrate, check, evaluate, experiment, kinematics, program, reproduce, run, simulate
+from pkm_cnc.cli import (
+    calibrate,
+    check,
+    compensate,
+    evaluate,
+    experiment,
+    identify,
+    kinematics,
+    program,
+    replay,
+    reproduce,
+    run,
+    simulate,
+)
 from pkm_cnc.cli.parser import Parser, joined
 from pkm_cnc.errors import PkmError
 
 __all__ = ["main"]
 
-SUBCOMMANDS = (program, check, run, simulate, evaluate, calibrate, kinematics, experiment, reproduce)
+SUBCOMMANDS = (
+    program,
+    check,
+    run,
+    simulate,
+    replay,
+    evaluate,
+    compensate,
+    calibrate,
+    identify,
+    kinematics,
+    experiment,
+    reproduce,
+)
 
 
 def _parser() -> argparse.ArgumentParser:

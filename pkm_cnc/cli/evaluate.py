@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from pkm_cnc.bag import read_run
+from pkm_cnc.cli.arguments import add_reference
 from pkm_cnc.evaluation import Evaluation, evaluate, setup_of
+from pkm_cnc.program import read_program
 from pkm_cnc.report import run_headline, run_page, run_remarks, run_tables, text_table, write_page
 
 __all__ = ["add_parser"]
@@ -20,13 +22,14 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser("evaluate", help="contour errors from a bag alone: table, JSON, pictures")
     parser.add_argument("bag", metavar="BAG", help="folder of the bag")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
+    add_reference(parser)
     parser.add_argument("--report", metavar="DIR", help="write a page (index.html), its pictures and data.json to DIR")
     parser.set_defaults(action=_evaluate)
 
 
 def _evaluate(arguments: argparse.Namespace) -> None:
     run = read_run(arguments.bag)
-    evaluation = evaluate(run)
+    evaluation = evaluate(run, read_program(arguments.reference) if arguments.reference else None)
     if not run.complete:
         held = len(evaluation.errors)
         print(

@@ -1,4 +1,4 @@
-"""An experiment's options as arguments of the command: one flag per parameter of its options' dataclass."""
+"""Options as arguments of the command: one flag per parameter of their dataclass."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pkm_cnc.parameters import Parameter, Value, parameters_of
 __all__ = ["add_options", "options_of"]
 
 
-def add_options(parser: argparse.ArgumentParser, options: type[Any]) -> None:
-    """Add a flag for every parameter that `options` declares."""
-    group = parser.add_argument_group("options of this experiment")
+def add_options(parser: argparse.ArgumentParser, options: type[Any], title: str = "options of this experiment") -> None:
+    """Add a flag for every parameter that `options` declares, in a group of that title."""
+    group = parser.add_argument_group(title)
     for spec in parameters_of(options):
         _add(group, spec)
 

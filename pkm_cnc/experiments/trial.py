@@ -59,11 +59,11 @@ Runner = Callable[[Setup, Program], Trial]
 
 def simulated(setup: Setup, program: Program) -> Trial:
     """Run a program by the simulation. Raises InputError for what the machine cannot do, MachineFault."""
-    toolpath = prepare(setup, program)
+    checked = prepare(setup, program)
     tcp_setpoint, tcp, axes = array("d"), array("d"), array("d")  # thin: a cycle's records take fifty times as much
     errors: list[ContourError] = []
     summaries: dict[int, SegmentSummary] = {}
-    for cycle in simulated_cycles(setup, toolpath):
+    for cycle in simulated_cycles(setup, checked):
         tcp_setpoint.extend(cycle.setpoint[:9])
         tcp.extend(cycle.tcp[:6])
         for setpoint, state, command in zip(cycle.axis_setpoints, cycle.states, cycle.commands, strict=True):
@@ -72,6 +72,7 @@ def simulated(setup: Setup, program: Program) -> Trial:
         summaries.update((summary.segment, summary) for summary in cycle.summaries)
     by_axis = np.array(axes).reshape(-1, len(setup.axes), 6)
     believed, true = np.array(tcp).reshape(-1, 2, 3).swapaxes(0, 1)
+    toolpath = checked.toolpath().contour
     evaluation = Evaluation(
         machine=setup.machine_name,
         servo_period=setup.servo_period,

@@ -3,15 +3,17 @@
 `Interpolator` takes a toolpath apart into pieces that are run and stops (`blending`), plans the path speed from stop
 to stop within the limits of TCP and drives (`planner`), and answers cycle by cycle. `MotionParameters` and
 `LimitParameters` are the sections `motion` and `limits` of a machine file, `DriveLimits` the drives as the planner
-needs them; `pieces` is what the TCP is sent along.
+needs them; `pieces` is what the TCP is sent along. `Operator` is what an operator has commanded.
 """
 
 from pkm_cnc.motion.blending import pieces
 from pkm_cnc.motion.feed_profile import Cell, FeedProfile, speeds_squared
-from pkm_cnc.motion.interpolator import Interpolator
+from pkm_cnc.motion.interpolator import Interpolator, Progress, Source
 from pkm_cnc.motion.limits import DriveLimits, LimitParameters, MotionParameters
+from pkm_cnc.motion.operator import Operator
 from pkm_cnc.motion.piece import Curve, Piece, Shape
 from pkm_cnc.motion.planner import Planner
+from pkm_cnc.motion.supply import Segment
 
 __all__ = [
     "Cell",
@@ -21,9 +23,13 @@ __all__ = [
     "Interpolator",
     "LimitParameters",
     "MotionParameters",
+    "Operator",
     "Piece",
     "Planner",
+    "Progress",
+    "Segment",
     "Shape",
+    "Source",
     "pieces",
     "speeds_squared",
 ]

@@ -6,11 +6,12 @@
 | G61.1 | a stop |
 | G64 P Q | lines whose points lie within Q of a common one are run as that; corners are rounded by a curve within P |
 
-A rapid begins and ends in a stop. The curve leaves the path the same distance before a corner as it meets it behind, at
-most half an element, with tangent and curvature of the elements, so that the acceleration has no jump. The deviation is
-meant both ways: no point of the curve is further from the path than P, and no point of the path from the curve. Where
-lines were joined, at most half of P was used for that, and the curves at their ends have the rest. G64 without P has
-motion.blend_tolerance as its P, without Q joins as much as it may.
+A rapid begins and ends in a stop, and so does what lies between two events for which the machine must stand. The curve
+leaves the path the same distance before a corner as it meets it behind, at most half an element, with tangent and
+curvature of the elements, so that the acceleration has no jump. The deviation is meant both ways: no point of the curve
+is further from the path than P, and no point of the path from the curve. Where lines were joined, at most half of P was
+used for that, and the curves at their ends have the rest. G64 without P has motion.blend_tolerance as its P, without Q
+joins as much as it may.
 """
 
 from __future__ import annotations
@@ -22,11 +23,14 @@ from itertools import pairwise
 
 from pkm_cnc.motion.limits import MotionParameters
 from pkm_cnc.motion.piece import Curve, Mark, Piece
-from pkm_cnc.program import Arc, Element, Line, PathMode
+from pkm_cnc.program import Arc, Element, Event, Line, Numbering, PathMode
 from pkm_cnc.records import Vector
 from pkm_cnc.tolerances import TIE, ZERO_LENGTH
 
 __all__ = ["pieces"]
+
+PASSED_EVENTS = frozenset(("message", "tool_select", "program_end"))
+"""Events that happen while the TCP moves on; for the others it stops."""
 
 STRAIGHT_ON = 1e-6
 """rad. Elements that meet at a smaller angle have one tangent: a curve there would be shorter than rounding."""
@@ -45,17 +49,24 @@ MEASURED = 1.02
 """1. By how much the deviation may be larger between these places."""
 
 
-def pieces(elements: Iterable[Element], parameters: MotionParameters, smooth: bool) -> Iterator[Piece]:
+def pieces(
+    items: Iterable[Element | Event],
+    parameters: MotionParameters,
+    smooth: bool,
+    index: int = 0,
+    path_length: float = 0.0,
+) -> Iterator[Piece]:
     """The pieces in order, one at a time: never more than a few elements are held.
 
-    `smooth`: jumps of the curvature at tangent junctions under G64 are rounded too (with a limit of jerk they would
-    cost more time than the curve). The last piece has `stop`.
+    `index` and `path_length` (m) are those of the first element's start. `smooth`: jumps of the curvature at tangent
+    junctions under G64 are rounded too (with a limit of jerk they would cost more time than the curve). The last piece
+    has `stop`, and so has one that an event follows for which the machine must stand.
     """
     before: Piece | None = None
-    for after in _joined(elements, parameters):
+    for after in _joined(items, parameters, index, path_length):
         if before is not None:
             curve = None
-            if _stops(before, after, parameters):
+            if before.stop or _stops(before, after, parameters):
                 before = dataclasses.replace(before, stop=True)
             elif _rounded(before.mode, parameters):
                 curve = _curve(before, after, parameters, smooth)
@@ -72,21 +83,23 @@ def pieces(elements: Iterable[Element], parameters: MotionParameters, smooth: bo
         yield dataclasses.replace(before, stop=True)
 
 
-def _joined(elements: Iterable[Element], parameters: MotionParameters) -> Iterator[Piece]:
-    """One piece for each element, or for the lines that G64 Q joins."""
-    start = 0.0
-    index = 0
+def _joined(
+    items: Iterable[Element | Event], parameters: MotionParameters, index: int, start: float
+) -> Iterator[Piece]:
+    """One piece for each element, or for the lines that G64 Q joins; with `stop` where an event wants it."""
+    numbering = Numbering(index, start)
     held: list[Element] = []
-    for element in elements:
-        if held and not _in_line(held, element, parameters):
-            yield _piece(held, index, start)
-            index += len(held)
-            for done in held:
-                start += done.length
+    for item in items:
+        if isinstance(item, Event) and item.kind in PASSED_EVENTS:
+            continue
+        if held and (isinstance(item, Event) or not _in_line(held, item, parameters)):
+            piece = _piece(held, numbering)
+            yield dataclasses.replace(piece, stop=True) if isinstance(item, Event) else piece
             held = []
-        held.append(element)
+        if not isinstance(item, Event):
+            held.append(item)
     if held:
-        yield _piece(held, index, start)
+        yield _piece(held, numbering)
 
 
 def _tolerances(mode: PathMode, parameters: MotionParameters) -> tuple[float, float]:
@@ -122,17 +135,18 @@ def _in_line(held: list[Element], element: Element, parameters: MotionParameters
     return True
 
 
-def _piece(held: list[Element], index: int, start: float) -> Piece:
+def _piece(held: list[Element], numbering: Numbering) -> Piece:
     shape = held[0]
     if len(held) == 1:
-        marks = [Mark(0.0, index, start, 1.0)]
+        marks = [Mark(spot.s, spot.number, spot.path_length, spot.rate, shape.line) for spot in numbering.spots(shape)]
     else:
         shape = Line(shape.line, shape.start, held[-1].end, shape.feed, False, shape.evaluated)
         knots = [0.0, *(shape.nearest(one.end, 0.0) for one in held)]
         marks = []
-        for offset, (one, (s0, s1)) in enumerate(zip(held, pairwise(knots), strict=True)):
-            marks.append(Mark(s0, index + offset, start, one.length / (s1 - s0)))
-            start += one.length
+        for one, (s0, s1) in zip(held, pairwise(knots), strict=True):
+            rate = one.length / (s1 - s0)
+            for spot in numbering.spots(one):
+                marks.append(Mark(s0 + spot.s / rate, spot.number, spot.path_length, spot.rate * rate, one.line))
     first = held[0]
     return Piece(shape, 0.0, shape.length, first.feed, first.line, tuple(marks), first.path_mode, first.traverse)
 
@@ -174,11 +188,11 @@ def _curve(before: Piece, after: Piece, parameters: MotionParameters, smooth: bo
     second, second_place = after.place(0.0)
     _, end_place = after.place(reach)
     marks = (
-        Mark(0.0, first, first_place, (second_place - first_place) / half),
-        Mark(half, second, second_place, (end_place - second_place) / half),
+        Mark(0.0, first, first_place, (second_place - first_place) / half, before.marks[-1].line),
+        Mark(half, second, second_place, (end_place - second_place) / half, after.marks[0].line),
     )
     feed = min(before.feed, after.feed)
-    return reach, Piece(curve, 0.0, curve.length, feed, before.line, marks, before.mode, False)
+    return reach, Piece(curve, 0.0, curve.length, feed, marks[0].line, marks, before.mode, False)
 
 
 def _half(piece: Piece) -> float:

@@ -62,11 +62,17 @@ class PieceEnd(NamedTuple):
 
 
 def cells_of(
-    group: Sequence[Piece], motion: MotionParameters, drives: DriveLimits, period: float, before: PieceEnd | None
+    group: Sequence[Piece],
+    motion: MotionParameters,
+    drives: DriveLimits,
+    period: float,
+    before: PieceEnd | None,
+    scale: float = 1.0,
 ) -> tuple[list[PlannedCell], PieceEnd]:
     """The cells of successive pieces, and what the next call needs as `before`; None where the TCP starts from rest.
 
-    `period` is the servo period, s. Raises UnreachableError for a place that the machine does not reach.
+    `scale` > 0 is the override: the feeds are multiplied by it, nothing else is. `period` is the servo period, s.
+    Raises UnreachableError for a place that the machine does not reach.
     """
     counts = [_count(piece) for piece in group]
     samples = _samples(group, counts, drives)
@@ -75,7 +81,7 @@ def cells_of(
     for piece, count in zip(group, counts, strict=True):
         here = _Samples(*(part[row : row + 2 * count + 1] for part in samples))
         row += 2 * count + 1
-        planned, start, end = _piece_cells(piece, here, motion, drives)
+        planned, start, end = _piece_cells(piece, here, motion, drives, piece.feed * scale)
         if before is not None:
             node = min(before.node, start.node, _jump_limit(before, start, motion, drives, period))
             planned[0] = planned[0]._replace(node=node)
@@ -119,12 +125,12 @@ def _places(piece: Piece, count: int) -> tuple[Array, Array, Array]:
 
 
 def _piece_cells(
-    piece: Piece, samples: _Samples, motion: MotionParameters, drives: DriveLimits
+    piece: Piece, samples: _Samples, motion: MotionParameters, drives: DriveLimits, feed: float
 ) -> tuple[list[PlannedCell], PieceEnd, PieceEnd]:
     count = len(samples.tangent) // 2
     length = piece.length / count
     bend = np.sqrt((samples.curvature**2).sum(axis=1))
-    top = np.full(len(bend), piece.feed * piece.feed)
+    top = np.full(len(bend), feed * feed)
     np.minimum(top, _over(motion.centripetal_acceleration, bend), out=top)
     smooth = motion.jerk > 0.0 or bool(np.isfinite(drives.jerk).any())
     worst = float(top.max())

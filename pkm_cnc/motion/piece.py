@@ -40,12 +40,16 @@ class Shape(Protocol):
 
 
 class Mark(NamedTuple):
-    """From `s` (m, on the shape) on, s' stands for `path_length` + `rate` (s' - s) of the toolpath, in `segment`."""
+    """From `s` (m, on the shape) on, s' stands for `path_length` + `rate` (s' - s) of the toolpath, in `segment`.
+
+    `line` is the segment's line in the part program.
+    """
 
     s: float
     segment: int
     path_length: float
     rate: float
+    line: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,15 +22,22 @@ ROUNDING = 1e-15
 for a jerk."""
 
 
-def slow_downs(setpoints: Sequence[TcpSetpoint], motion: MotionParameters, drives: DriveLimits, period: float) -> Array:
+def slow_downs(
+    setpoints: Sequence[TcpSetpoint],
+    motion: MotionParameters,
+    drives: DriveLimits,
+    period: float,
+    scales: Array | float = 1.0,
+) -> Array:
     """The factor by which to stretch the time of each setpoint but the first three to keep all limits; shape (k - 3,).
 
     Stretched by f, speeds fall by f, accelerations by f^2 and jerks by f^3. 1 or less: kept. Speed and acceleration of
     a drive are those of the setpoint, and what its position and its speed change by from cycle to cycle; a jerk is what
-    the changes change by, also of the TCP, as a vector. Raises UnreachableError for a place outside the workspace.
+    the changes change by, also of the TCP, as a vector. `scales` are the overrides of the feed, of each setpoint (k,)
+    or of all. Raises UnreachableError for a place outside the workspace.
     """
     table = np.array([setpoint[:9] for setpoint in setpoints])
-    feeds = np.array([setpoint.feed for setpoint in setpoints])
+    feeds = np.array([setpoint.feed for setpoint in setpoints]) * scales
     position, velocity, acceleration = table[:, 0:3], table[:, 3:6], table[:, 6:9]
     drive, speed, rate = drives.motion(position, velocity, acceleration)
 

@@ -25,15 +25,15 @@ from pkm_cnc.nodes.message_types import message_class
 from pkm_cnc.nodes.ros_parameters import overrides, read_parameters
 from pkm_cnc.nodes.watchdog import Report, Watchdog
 from pkm_cnc.run_messages import End, end_of, run_end
-from pkm_cnc.topics import ANYONE, RECORDER, RUN_END, WAITING, Topic, topics
+from pkm_cnc.topics import ANYONE, RECORDER, RUN_END, STATUS, WAITING, Topic, topics
 
 __all__ = ["GraphNode", "Tap"]
 
 Tap = Callable[[str, int, int, bytes], None]
 """Takes what a node publishes, in the same process: topic, cycle, stamp in ns, CDR bytes."""
 
-SEGMENTS_AHEAD = 5000
-"""Depth of toolpath/segment: more segments than can begin within a window of cycles."""
+MANY = 5000
+"""Depth of toolpath/segment and program/event: more segments and events than there can be in a window of cycles."""
 MATCHING_PERIOD = 0.02
 """s of wall time between two looks at whether everyone is there."""
 STARTUP_TIMEOUT = 60.0
@@ -49,6 +49,8 @@ class GraphNode(LifecycleNode):
 
     handled: tuple[str, ...] = ()
     """Topics that the node takes message by message instead of joined by cycle."""
+    changeable: tuple[str, ...] = ()
+    """Run parameters that may be set while the node lives."""
     joins = True
     """Whether its other inputs are joined by cycle; if not, it does not subscribe to them."""
 
@@ -120,10 +122,10 @@ class GraphNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read the parameters, make the step object and the topics."""
         try:
-            self.setup, self.run = read_parameters(self)
+            self.setup, self.run = read_parameters(self, self.changeable)
             self.axis = self._axis()
             self.full_name = f"{self.axis}/{self.get_name()}" if self.axis else self.get_name()
-            self.topics = topics(tuple(self.setup.axes), self.setup.tcp_control.active)
+            self.topics = topics(tuple(self.setup.axes), self.setup.tcp_control.active, self.setup.coupled)
             self.prepare()
         except PkmError as error:
             self.ended = End(0, self.full_name, str(error), error.exit_code)
@@ -224,10 +226,10 @@ class GraphNode(LifecycleNode):
         return (namespace.rpartition("/")[0] if self.axis else namespace).rstrip("/")
 
     def _qos(self, topic: Topic) -> QoSProfile:
-        latched = topic.name in ("run_info", "toolpath/segment", RUN_END)
+        latched = topic.name in ("run_info", "toolpath/segment", STATUS, RUN_END)
         return QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
-            depth=SEGMENTS_AHEAD if topic.name == "toolpath/segment" else max(64, 4 * self.setup.graph.window),
+            depth=MANY if topic.name in ("toolpath/segment", "program/event") else max(64, 4 * self.setup.graph.window),
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )

@@ -24,6 +24,8 @@ class Ledger:
         self._arrived: dict[int, int] = {}
         self._last: int | None = None
         self._evaluated = self._summaries = self._needed_segments = 0
+        self._told = {"operator/command": 0, "program/event": 0}
+        self._to_be_told: dict[str, int] | None = None
 
     @property
     def ignored(self) -> int:
@@ -56,6 +58,14 @@ class Ledger:
         """Note a segment's summary."""
         self._summaries += 1
 
+    def take_told(self, topic: str) -> None:
+        """Note a command of the operator or an event of the program."""
+        self._told[topic] += 1
+
+    def finished(self, commands: int, events: int) -> None:
+        """Note the last status of the run, and how many commands and events it counts."""
+        self._to_be_told = {"operator/command": commands, "program/event": events}
+
     def ends_with(self, cycle: int, segment: int) -> None:
         """Note the last cycle of the run and the segment that its setpoint is on."""
         self._last = cycle
@@ -70,6 +80,7 @@ class Ledger:
             all(self._streams[topic].expected == self._last + 2 for topic in self._ahead)
             and self._segments.expected == self._needed_segments
             and self._summaries == self._evaluated
+            and self._told == self._to_be_told
         )
 
     def late(self) -> str | None:

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 from typing import Any
 
 from pkm_cnc.bag import BagWriter
 from pkm_cnc.errors import InputError, PkmError
-from pkm_cnc.messages import deserialize
+from pkm_cnc.messages import deserialize, time_of
 from pkm_cnc.nodes.graph_node import GraphNode
 from pkm_cnc.nodes.ledger import Ledger
 from pkm_cnc.nodes.runner import run_node
 from pkm_cnc.nodes.watchdog import Report
-from pkm_cnc.records import NANOSECONDS, PHASE_END, TcpSetpoint
+from pkm_cnc.records import PHASE_END, STATE_FINISHED, TcpSetpoint
 from pkm_cnc.run_messages import End, run_end
-from pkm_cnc.topics import RECORDER, RUN_END, recorded_topics
+from pkm_cnc.topics import RECORDER, RUN_END, STATUS, recorded_topics
 
 __all__ = ["RecorderNode", "main"]
-
-_STAMP = struct.Struct("<iI")
-_MARKERS_STAMP, _HEADER_STAMP = 8, 4
-"""Offset of the first stamp in a MarkerArray (behind the number of markers) and in a message with a header."""
 
 
 class RecorderNode(GraphNode):
@@ -37,7 +32,7 @@ class RecorderNode(GraphNode):
 
     def prepare(self) -> None:
         """Make the bag."""
-        if not self.run.get("bag"):
+        if not self.run.bag:
             raise InputError("parameter bag is missing; give -p bag:=FOLDER")
         recorded = recorded_topics(tuple(self.setup.axes), self.setup.tcp_control.active)
         self._unpack = {topic.name: topic.codec.unpack for topic in recorded if topic.record}
@@ -45,7 +40,7 @@ class RecorderNode(GraphNode):
         self._stride = max(1, self.setup.graph.window // 4)
         if not self._tapped:
             self.handled = tuple(topic.name for topic in recorded if topic.name != RUN_END)
-        self._bag = BagWriter(Path(self.run["bag"]), recorded)
+        self._bag = BagWriter(Path(self.run.bag), recorded)
 
     def start(self) -> None:
         """Tell what was complete before the interpolator could hear it."""
@@ -55,8 +50,7 @@ class RecorderNode(GraphNode):
     def take_message(self, topic: str, data: bytes) -> None:
         """Take one message from a subscription."""
         cycle = self._unpack[topic](data)[0] if topic in self._unpack else 0
-        seconds, nanoseconds = _STAMP.unpack_from(data, _MARKERS_STAMP if topic == "markers" else _HEADER_STAMP)
-        self._store(topic, cycle, seconds * NANOSECONDS + nanoseconds, data)
+        self._store(topic, cycle, time_of(data, self.topics[topic].typename), data)
 
     def tap_in(self, topic: str, cycle: int, time: int, data: bytes) -> None:
         """Take one message that a node of the same process publishes. What fails here is the recorder's fault."""
@@ -81,6 +75,12 @@ class RecorderNode(GraphNode):
                 return
         elif topic == "contour_monitor/segment_summary":
             ledger.take_summary()
+        elif topic in ("operator/command", "program/event"):
+            ledger.take_told(topic)
+        elif topic == STATUS:
+            status = deserialize(data, self.topics[topic].typename)
+            if status.state == STATE_FINISHED:
+                ledger.finished(status.commands, status.events)
         self._bag.write(topic, time, data)
         if ledger.complete >= self.cycles:
             self.cycles = ledger.complete + 1

@@ -1,14 +1,17 @@
 """Who is missing? Every node that waits too long says for whom; the one that is waited for and says nothing is it.
 
-So the blame does not fall on the neighbours of a dead node, which wait as well. Wall time, never ROS time: it decides
-when to give up, no result depends on it.
+So the blame does not fall on the neighbours of a dead node, which wait as well. While one of them waits for the
+operator, nobody is missing. Wall time, never ROS time: it decides when to give up, no result depends on it.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-__all__ = ["Report", "Watchdog"]
+__all__ = ["OPERATOR", "Report", "Watchdog"]
+
+OPERATOR = "operator"
+"""Whom a node may wait for as long as it takes."""
 
 
 class Report(NamedTuple):
@@ -41,11 +44,18 @@ class Watchdog:
         return waited > self._limit / 2
 
     def verdict(self, waited: float, now: float) -> str:
-        """Who is silent, as the reason of a fault; empty while it is too early to say.
+        """Who is silent, as the reason of a fault; empty while it is too early to say, or the operator's turn.
 
-        A report from before this wait began does not count: who made it has gone on since.
+        A report from before this wait began does not count: who made it has gone on since. One that waits for the
+        operator is repeated every period and counts no longer than the limit: who made it may have died since.
         """
         reports = {node: report for node, (time, report) in self._reports.items() if time > now - waited}
+        if any(
+            report.waiting_for == OPERATOR and self._reports[node][0] > now - self._limit
+            for node, report in reports.items()
+        ):
+            return ""
+        reports = {node: report for node, report in reports.items() if report.waiting_for != OPERATOR}
         silent = [report for report in reports.values() if report.waiting_for not in reports]
         if waited < self._limit or not reports:
             return ""

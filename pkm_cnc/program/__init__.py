@@ -11,7 +11,23 @@ from pkm_cnc.program.interpreter import (
     read_elements,
     read_motions,
 )
-from pkm_cnc.program.toolpath import EXACT_PATH, Arc, Element, Event, Line, PathMode, Plane, Toolpath
+from pkm_cnc.program.original import carried_original, carry_original, element_comment, with_reference
+from pkm_cnc.program.source import ProgramSource, approach
+from pkm_cnc.program.toolpath import (
+    EXACT_PATH,
+    Arc,
+    Element,
+    Event,
+    EventKind,
+    Line,
+    Numbering,
+    PathMode,
+    Place,
+    Plane,
+    Spot,
+    Toolpath,
+    Totals,
+)
 
 __all__ = [
     "EXACT_PATH",
@@ -20,19 +36,30 @@ __all__ = [
     "ArcFeed",
     "Element",
     "Event",
+    "EventKind",
     "Line",
     "Motion",
+    "Numbering",
     "PathMode",
+    "Place",
     "Plane",
     "Program",
     "ProgramError",
     "ProgramParameters",
+    "ProgramSource",
+    "Spot",
     "Toolpath",
+    "Totals",
+    "approach",
     "canonical_events",
     "canonical_motion",
+    "carried_original",
+    "carry_original",
+    "element_comment",
     "interpret",
     "program_from_bytes",
     "read_elements",
     "read_motions",
     "read_program",
+    "with_reference",
 ]

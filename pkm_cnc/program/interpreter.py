@@ -17,12 +17,21 @@ from pkm_cnc.program.blocks import Block, Program
 from pkm_cnc.program.codes import ARCS, EVENTS, FEED, NO_MOTION, TRAVERSE, words_by_meaning
 from pkm_cnc.program.expressions import WHOLE
 from pkm_cnc.program.flow import executed_blocks
+from pkm_cnc.program.original import Mark, element_of_comment
 from pkm_cnc.program.parameters import Key, Parameters
 from pkm_cnc.program.toolpath import EXACT_PATH, Element, Event, EventKind, Line, PathMode, Plane, Toolpath
 from pkm_cnc.records import Vector
 from pkm_cnc.tolerances import ARC_RADII_INCH, ARC_RADII_MM, ZERO_LENGTH
 
-__all__ = ["NOT_EVALUATED_COMMENT", "Motion", "ProgramParameters", "interpret", "read_elements", "read_motions"]
+__all__ = [
+    "NOT_EVALUATED_COMMENT",
+    "Motion",
+    "ProgramParameters",
+    "interpret",
+    "read_elements",
+    "read_marked_elements",
+    "read_motions",
+]
 
 NOT_EVALUATED_COMMENT = "(pkm_cnc: not evaluated)"
 """A comment with this text, in any case and spacing, takes the contour error of its block's motion out of account."""
@@ -56,6 +65,9 @@ class ProgramParameters:
         (0.0, 0.0, 0.0), "where G30 goes: TCP in base_link", unit="m", minimum=-100.0, maximum=100.0
     )
     block_delete: bool = parameter(True, "skip the blocks that begin with a slash; otherwise they are run")
+    optional_stop: bool = parameter(
+        False, "stop at M1 and wait for the operator, as at M0, where there is one; otherwise M1 is passed"
+    )
     block_limit: int = parameter(
         1_000_000,
         "by how many lines a program may run more than it has, in loops and subroutines, before it is taken to run for "
@@ -85,6 +97,17 @@ def interpret(
     if not elements:
         raise InputError(f"part program {program.name}: contains no motion")
     return Toolpath(tuple(elements), tuple(events))
+
+
+def read_marked_elements(
+    program: Program, *, start: Vector, zero: Vector, rapid: float, parameters: ProgramParameters
+) -> Iterator[Element | Event | Mark]:
+    """As `read_elements`, with the marks of a compensated program (`original`)."""
+    for item in _Interpreter(program, start, zero, rapid, parameters).run():
+        if isinstance(item, ArcFeed):
+            yield from item.arcs
+        elif isinstance(item, Event | Mark) or item.length > 0.0:
+            yield item
 
 
 def read_elements(
@@ -118,7 +141,9 @@ def read_motions(
 
     A straight motion to where the tool already is (nearer than ZERO_LENGTH) comes as a line of length 0.
     """
-    return _Interpreter(program, start, zero, rapid, parameters or ProgramParameters()).run()
+    for item in _Interpreter(program, start, zero, rapid, parameters or ProgramParameters()).run():
+        if not isinstance(item, Mark):
+            yield item
 
 
 class _Interpreter:
@@ -145,7 +170,7 @@ class _Interpreter:
         self._speed = 0.0  # of the spindle, rpm
         self._tool = 0.0
 
-    def run(self) -> Iterator[Motion | Event]:
+    def run(self) -> Iterator[Motion | Event | Mark]:
         delete, limit = self._parameters.block_delete, self._parameters.block_limit
         for block in executed_blocks(self._program, Parameters(self._known()), block_delete=delete, block_limit=limit):
             self._line = block.line
@@ -181,9 +206,12 @@ class _Interpreter:
     def _event(self, kind: EventKind, value: float | None = None, text: str = "") -> Event:
         return Event(self._line, kind, self._path_length, value, text)
 
-    def _messages(self, block: Block) -> Iterator[Event]:
+    def _messages(self, block: Block) -> Iterator[Event | Mark]:
         for comment in block.comments:
-            if comment[: len(_MESSAGE)].lower() == _MESSAGE:
+            element = element_of_comment(comment)
+            if element is not None:
+                yield Mark(element)
+            elif comment[: len(_MESSAGE)].lower() == _MESSAGE:
                 yield self._event("message", text=comment[len(_MESSAGE) : -1].strip())
 
     # what concerns spindle, tool, coolant and time

@@ -8,6 +8,7 @@ length is s = t sqrt(r^2 + h^2).
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -16,7 +17,21 @@ from typing import Literal, NamedTuple
 from pkm_cnc.records import Vector
 from pkm_cnc.tolerances import ZERO_LENGTH
 
-__all__ = ["EXACT_PATH", "Arc", "Element", "Event", "EventKind", "Line", "PathMode", "Plane", "Toolpath"]
+__all__ = [
+    "EXACT_PATH",
+    "Arc",
+    "Element",
+    "Event",
+    "EventKind",
+    "Line",
+    "Numbering",
+    "PathMode",
+    "Place",
+    "Plane",
+    "Spot",
+    "Toolpath",
+    "Totals",
+]
 
 _NEWTON_STEPS = 60
 """Steps of the safeguarded Newton iteration: from any bracket, bisection alone would be down to rounding by then."""
@@ -88,13 +103,26 @@ class Event(NamedTuple):
     text: str = ""
 
 
+class Place(NamedTuple):
+    """Where a motion belongs on another contour, which it is judged by.
+
+    From `s` (m, on the motion) on that is `offset` (m) behind the start of the contour's `element`, and from there on
+    `rate` m of the contour go by with each m of the motion.
+    """
+
+    s: float
+    element: Element
+    offset: float
+    rate: float
+
+
 @dataclass(frozen=True, slots=True)
 class Line:
     """A straight motion from `start` to `end` (m, in `base_link`) with path speed `feed` (m/s).
 
     `line` is its line in the part program; `traverse` tells a rapid; `evaluated` whether its contour error counts;
-    `path_mode` how the path is to be kept at its end. `length` (m) follows from the ends. A line without
-    length has the tangent (0, 0, 0) and is no part of a toolpath.
+    `path_mode` how the path is to be kept at its end; `places` are empty for a motion that is judged by itself.
+    `length` (m) follows from the ends. A line without length has the tangent (0, 0, 0) and is no part of a toolpath.
     """
 
     line: int
@@ -104,6 +132,7 @@ class Line:
     traverse: bool
     evaluated: bool
     path_mode: PathMode = EXACT_PATH
+    places: tuple[Place, ...] = field(default=(), repr=False, compare=False)
     length: float = field(init=False, repr=False, compare=False)
     _tangent: Vector = field(init=False, repr=False, compare=False)
 
@@ -163,6 +192,7 @@ class Arc:
     sweep: float
     plane: Plane = Plane.XY
     path_mode: PathMode = EXACT_PATH
+    places: tuple[Place, ...] = field(default=(), repr=False, compare=False)
     radius: float = field(init=False, repr=False, compare=False)
     length: float = field(init=False, repr=False, compare=False)
     _spoke: tuple[float, float] = field(init=False, repr=False, compare=False)  # center to start, in the plane
@@ -352,3 +382,98 @@ class Toolpath:
 
     def __iter__(self) -> Iterator[Element]:
         return iter(self.elements)
+
+    @property
+    def contour(self) -> Toolpath:
+        """What a run of it is judged by."""
+        numbering = Numbering()
+        spots = [spot for element in self.elements for spot in numbering.spots(element)]
+        segments = {spot.number: spot.segment for spot in spots}
+        return Toolpath(tuple(segments.values()))
+
+    def items(self) -> Iterator[Element | Event]:
+        """Elements and events in order."""
+        events = deque(self.events)
+        for element, start in zip(self.elements, self.starts, strict=True):
+            while events and events[0].path_length <= start:
+                yield events.popleft()
+            yield element
+        yield from events
+
+    @property
+    def totals(self) -> Totals:
+        """What all of it adds up to."""
+        totals = Totals()
+        for item in self.items():
+            totals.add(item)
+        return totals
+
+
+@dataclass
+class Totals:
+    """What elements and events add up to: number and length (m) of the elements; nominal times, s."""
+
+    elements: int = 0
+    length: float = 0.0
+    feed_time: float = 0.0
+    rapid_time: float = 0.0
+    dwell_time: float = 0.0
+
+    def add(self, item: Element | Event) -> None:
+        """Count one more."""
+        if isinstance(item, Event):
+            if item.kind == "dwell":
+                self.dwell_time += item.value or 0.0
+            return
+        self.elements += 1
+        self.length += item.length
+        if item.traverse:
+            self.rapid_time += item.length / item.feed
+        else:
+            self.feed_time += item.length / item.feed
+
+
+class Spot(NamedTuple):
+    """From `s` (m, on a motion) on, s' stands for `path_length` + `rate` (s' - s) of the contour that counts.
+
+    That is in its element `number`, which is `segment` and begins at `begin` (m).
+    """
+
+    s: float
+    number: int
+    path_length: float
+    rate: float
+    segment: Element
+    begin: float
+
+
+class Numbering:
+    """Numbers the elements of the contour that counts while motions come along, from `index` and `path_length` (m) on.
+
+    A motion without places is such an element itself.
+    """
+
+    def __init__(self, index: int = 0, path_length: float = 0.0) -> None:
+        self.index = index
+        """Of the next element."""
+        self.path_length = path_length
+        """At its start, m."""
+        self._segment: Element | None = None
+        self._begin = path_length
+
+    def spots(self, motion: Element) -> list[Spot]:
+        """Where the next motion belongs."""
+        if not motion.places:
+            self._enter(motion)
+            return [Spot(0.0, self.index - 1, self._begin, 1.0, motion, self._begin)]
+        spots = []
+        for s, segment, offset, rate in motion.places:
+            if segment is not self._segment:
+                self._enter(segment)
+            spots.append(Spot(s, self.index - 1, self._begin + offset, rate, segment, self._begin))
+        return spots
+
+    def _enter(self, segment: Element) -> None:
+        self._segment, self._begin = segment, self.path_length
+        self.index += 1
+        self.path_length += segment.length

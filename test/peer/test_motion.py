@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from motion import moved, used
 
-from pkm_cnc.check import prepare, program_time
+from pkm_cnc.check import prepare
 from pkm_cnc.config import load_setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.program import read_program
@@ -27,10 +27,10 @@ def test_planned_and_simulated_with_limits_of_jerk(program: Path) -> None:
         with pytest.raises(InputError):  # refused by the peer too, or without motion
             prepare(SMOOTH, content)
         return
-    toolpath = prepare(SMOOTH, content)
-    time = program_time(SMOOTH, toolpath)
+    checked = prepare(SMOOTH, content)
+    toolpath, time = checked.toolpath(), checked.time()
     assert time >= sum(element.length / element.feed for element in toolpath.elements) * (1.0 - 1e-9)
-    cycles = simulated_cycles(SMOOTH, toolpath)
+    cycles = simulated_cycles(SMOOTH, checked)
     if time > LONGEST:
         count = round(BEGINNING / SMOOTH.servo_period)
         assert sum(1 for _ in itertools.islice(cycles, count)) == count

@@ -1,0 +1,84 @@
+"""pkm_cnc compensate: a part program that takes the tool to where the given one says."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from pkm_cnc.bag import read_run
+from pkm_cnc.cli.arguments import add_program, setup_of, write_text
+from pkm_cnc.cli.options import add_options, options_of
+from pkm_cnc.compensation import METHODS, Compensated, CompensationOptions, compensate
+from pkm_cnc.config import load_setup
+from pkm_cnc.errors import InputError
+from pkm_cnc.program import read_program
+
+__all__ = ["add_parser"]
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser("compensate", help="write a part program that makes the contour right")
+    add_program(parser)
+    parser.add_argument("-o", "--output", required=True, metavar="OUT.ngc", help="the compensated part program")
+    parser.add_argument("--method", choices=tuple(METHODS), default="mirror", help="how (%(default)s)")
+    parser.add_argument(
+        "--from",
+        dest="source",
+        nargs="+",
+        default=["model"],
+        metavar=("model|bag", "BAG"),
+        help="where the errors come from: model, or bag BAG... (runs of PROGRAM, averaged) (model)",
+    )
+    parser.add_argument("--model", metavar="FILE", help="machine file of the model, e.g. an identified one (--machine)")
+    add_options(parser, CompensationOptions, "options")
+    parser.set_defaults(action=_compensate)
+
+
+def _compensate(arguments: argparse.Namespace) -> None:
+    bags = _bags(arguments.source)
+    options = options_of(arguments, CompensationOptions)
+    setup = setup_of(arguments)
+    model = load_setup(arguments.model) if arguments.model else None
+    program = read_program(arguments.program)
+    _refuse_same(arguments.program, arguments.output)
+    started = time.monotonic()
+    runs = [read_run(bag) for bag in bags]
+    done = compensate(setup, program, arguments.method, model=model, bags=runs, options=options)
+    write_text(arguments.output, done.program.text)
+    print(_told(done, time.monotonic() - started))
+    print(f"compensated program {arguments.output}")
+
+
+def _bags(source: list[str]) -> list[str]:
+    kind, *bags = source
+    if kind not in ("model", "bag") or (kind == "model") == bool(bags):
+        raise InputError(f"--from {' '.join(source)}: give model, or bag and at least one bag")
+    return bags
+
+
+def _refuse_same(program: str, output: str) -> None:
+    """The original is not overwritten: it would be gone if the result is not what was wanted."""
+    if Path(output).exists() and Path(output).samefile(program):
+        raise InputError(f"-o {output}: this is PROGRAM itself: name another file")
+
+
+def _told(done: Compensated, wall: float) -> str:
+    rows = [("before", done.before, "")]
+    rows += [
+        (f"pass {number}", one.figures, f"{one.correction * 1e6:13.4g}") for number, one in enumerate(done.passes, 1)
+    ]
+    lines = [f"{'':8}  {'max_3d_um':>11} {'rms_3d_um':>11} {'max_plane_um':>12} {'correction_um':>13}"]
+    for name, figures, correction in rows:
+        lines.append(
+            f"{name:8}  {figures.largest * 1e6:11.5f} {figures.rms * 1e6:11.5f} "
+            f"{figures.largest_in_plane * 1e6:12.5f} {correction:>13}".rstrip()
+        )
+    removed = 100.0 * (1.0 - done.after.largest / done.before.largest) if done.before.largest > 0.0 else 0.0
+    lines.append(
+        f"predicted: {removed:.4g} % of the largest contour error removed, by pass {done.chosen + 1}; judged are the "
+        f"middle half of lines and all of arcs ({wall:.1f} s)"
+    )
+    return "\n".join(lines)

@@ -1,0 +1,252 @@
+"""Compensation: what each method takes away, from models and from bags, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pkm_cnc.array_path import respond
+from pkm_cnc.bag import BagWriter, read_run
+from pkm_cnc.check import prepare
+from pkm_cnc.compensation import METHODS, CompensationOptions, compensate
+from pkm_cnc.compensation.correction import Correction, Span, across
+from pkm_cnc.compensation.drive_inverse import drive_inverse
+from pkm_cnc.compensation.observation import judged, observe
+from pkm_cnc.config import load_setup
+from pkm_cnc.contour import circle_program, star_program
+from pkm_cnc.errors import InputError
+from pkm_cnc.parameters import parameters_of
+from pkm_cnc.program import Program
+from pkm_cnc.simulation import simulate, simulated_cycles
+from pkm_cnc.topics import recorded_topics
+
+TRIPOD = load_setup("tripod")
+RESTING = load_setup("tripod", ["motion.wait_in_position=true"])
+FASTER = load_setup("tripod", ["drive.kv=23.64"])
+
+
+def star(feed=6000.0, headings=(75.0,), length=100.0):
+    return Program("star.ngc", star_program(feed, headings, (0.0, 0.0), length))
+
+
+def circle(feed, radius=100.0):
+    text = circle_program(
+        feed_mm_min=feed,
+        radius_mm=radius,
+        center_mm=(0.0, 0.0),
+        direction="ccw",
+        overshoot_deg=90.0,
+        acceleration_mm_s2=2000.0,
+    )
+    return Program("circle.ngc", text)
+
+
+def largest_um(setup, program):
+    """From the step loop alone, by the largest error of a cycle on what is judged."""
+    checked = prepare(setup, program)
+    errors = (cycle.error for cycle in simulated_cycles(setup, checked))
+    return 1e6 * judged(errors, checked.toolpath().contour).largest
+
+
+def record(folder, setup, program):
+    with BagWriter(str(folder), recorded_topics(tuple(setup.axes))) as bag:
+        simulate(setup, program, prepare(setup, program), bag)
+    return read_run(folder)
+
+
+def passes_um(result):
+    return [1e6 * one.figures.largest for one in result.passes]
+
+
+# what it must show
+
+
+def test_a_fast_circle_by_mirror_pass_by_pass():
+    result = compensate(TRIPOD, circle(9000.0), options=CompensationOptions(iterations=3, until_um=0.0))
+    first, second, third = passes_um(result)
+    assert 1e6 * result.before.largest > 250.0
+    assert (first < 1.5, second < 0.03, third < 0.002) == (True, True, True)
+
+
+def test_a_star_line_from_rest_to_rest_by_mirror():
+    result = compensate(
+        RESTING, star(headings=(30.0,), length=200.0), options=CompensationOptions(iterations=2, until_um=0.0)
+    )
+    first, second = passes_um(result)
+    assert first < 0.1
+    assert second < 0.01
+
+
+@pytest.mark.parametrize("method", sorted(METHODS))
+def test_every_method_and_the_file_does_what_was_predicted(method):
+    before = largest_um(TRIPOD, star())
+    result = compensate(TRIPOD, star(), method)
+    after = largest_um(TRIPOD, result.program)
+    assert 1e6 * result.before.largest == pytest.approx(before, rel=1e-6)
+    assert after == pytest.approx(1e6 * result.after.largest, rel=0.05)
+    assert after < 0.03 * before
+
+
+def test_a_model_that_is_wrong_and_bags_that_are_right(tmp_path):
+    wrong = largest_um(FASTER, compensate(TRIPOD, star(), options=CompensationOptions(iterations=1)).program)
+    before = largest_um(FASTER, star())
+    assert 0.35 < wrong / before < 0.45
+    program = star()
+    for number in range(2):
+        run = record(tmp_path / f"bag{number}", FASTER, program)
+        program = compensate(TRIPOD, program, bags=[run], options=CompensationOptions(iterations=1)).program
+    assert largest_um(FASTER, program) < 0.03 * before
+
+
+def test_what_is_predicted_from_a_bag(tmp_path):
+    run = record(tmp_path / "bag", FASTER, star())
+    result = compensate(FASTER, star(), bags=[run, run])
+    assert largest_um(FASTER, result.program) == pytest.approx(1e6 * result.after.largest, rel=0.1)
+
+
+def test_a_machine_with_a_coarse_scale_is_run_step_by_step():
+    coarse = load_setup("tripod", ["scale.resolution=20e-6"])
+    result = compensate(coarse, star(), options=CompensationOptions(iterations=2))
+    assert result.after.largest < 0.7 * result.before.largest
+
+
+def test_damping_takes_its_part():
+    result = compensate(TRIPOD, star(), options=CompensationOptions(iterations=1, gain=0.5))
+    assert result.after.largest == pytest.approx(0.5 * result.before.largest, rel=0.02)
+
+
+# the parts
+
+
+def span(length=0.1, fade=0.01):
+    return Span(0.0, length, round(length / 2e-3), fade)
+
+
+def test_a_smooth_error_is_found_between_the_ends():
+    s = np.linspace(0.0, 0.1, 1500)
+
+    def wanted(s):
+        return 1e-4 * np.stack([np.sin(s / 0.02), np.cos(s / 0.015), s / 0.1], axis=1)
+
+    found = Correction.fitted((span(),), s, wanted(s))
+    middle = np.linspace(0.016, 0.084, 50)
+    np.testing.assert_allclose(found.at(middle), wanted(middle), atol=3e-9)
+    ends = np.array([0.0, 0.1])
+    for derivative in (0, 1, 2):
+        np.testing.assert_allclose(found.at(ends, derivative), 0.0, atol=1e-15)
+    assert found.at(np.array([-1e-9, 0.1 + 1e-9])).tolist() == [[0.0] * 3] * 2
+
+
+def test_runs_are_averaged():
+    s = np.linspace(0.0, 0.1, 1500)
+    noise = np.random.default_rng(1).normal(0.0, 1e-6, (4, 1500, 3))
+    one = Correction.fitted((span(),), s, noise[0])
+    four = Correction.fitted((span(),), np.tile(s, 4), noise.reshape(-1, 3))
+    middle = np.linspace(0.02, 0.08, 200)
+    assert np.std(four.at(middle)) == pytest.approx(0.5 * np.std(one.at(middle)), rel=0.25)
+
+
+def test_across_is_at_right_angles():
+    vectors, tangents = np.array([[1.0, 2.0, 3.0]]), np.array([[0.0, 0.6, 0.8]])
+    assert across(vectors, tangents)[0] @ tangents[0] == pytest.approx(0.0, abs=1e-15)
+
+
+def bump(period, count=3000):
+    """From 0 to 0.1 m within a second, as smooth as any filter wants it."""
+    t = np.clip((np.arange(count) * period - 0.7) / 1.0, 0.0, 1.0)
+    return 0.1 * t**5 * (126.0 + t * (-420.0 + t * (540.0 + t * (-315.0 + t * 70.0))))
+
+
+@pytest.mark.parametrize("kind", ["cascade", "first_order"])
+def test_drives_go_where_the_inverse_sends_them(kind):
+    setup = load_setup("tripod", [f"drive.kind={kind}"])
+    inverse = drive_inverse(setup)
+    wanted = bump(setup.servo_period)
+    late = np.interp(np.arange(2900) + inverse.delay, np.arange(3000), wanted)
+    plain = respond(setup, "u1", wanted, 0 * wanted, 0 * wanted).position
+    for name, filtered, part in (
+        ("inverse", inverse.inverse(np.stack([wanted] * 3, axis=1), 20.0), 0.02),
+        ("zpetc", inverse.zero_phase(np.stack([wanted] * 3, axis=1)), 1e-3),
+    ):
+        answered = respond(setup, "u1", filtered[:, 0], 0 * wanted, 0 * wanted).position
+        missed = np.interp(np.arange(2900) + inverse.delay, np.arange(3000), answered) - wanted[:2900]
+        before = np.interp(np.arange(2900) + inverse.delay, np.arange(3000), plain) - wanted[:2900]
+        assert np.abs(missed).max() < part * np.abs(before).max(), name
+    assert inverse.delay * setup.servo_period == pytest.approx(1.0 / 20.0, rel=1e-3)
+    assert len(late) == 2900
+
+
+def test_zeros_that_must_not_be_cancelled():
+    """A first-order lag sampled exactly has none; three and more integrations sampled have one beyond -1 (Astrom)."""
+    assert [len(zeros) for zeros in drive_inverse(load_setup("tripod", ["drive.kind=first_order"])).zeros] == [0] * 3
+    for zeros in drive_inverse(TRIPOD).zeros:
+        assert all(zero.real < 0.0 or abs(zero) > 1.0 for zero in zeros)
+
+
+# what is refused
+
+
+def refused(setup, program, method="mirror", **options):
+    with pytest.raises(InputError) as refusal:
+        compensate(setup, program, method, **options)
+    assert "\n" not in str(refusal.value)
+    return str(refusal.value)
+
+
+def test_bags_that_do_not_fit(tmp_path):
+    run = record(tmp_path / "bag", FASTER, star())
+    assert "it is of another part program (star.ngc)" in refused(TRIPOD, star(length=99.0), bags=[run])
+    other = load_setup("tripod", ["geometry.strut_length=0.61"])
+    assert "another machine: geometry.strut_length is 0.6 there and 0.61 here" in refused(other, star(), bags=[run])
+    assert "does not look at errors" in refused(TRIPOD, star(), "inverse", bags=[run])
+    run.slow["run_end"].clear()
+    assert "the run did not complete (it ends early)" in refused(TRIPOD, star(), bags=[run])
+
+
+def test_a_program_pushed_out_of_the_travel():
+    program = circle(9000.0)
+    joints = np.array([TRIPOD.machine.inverse(element.position(place)) for element, place in dense(program)])
+    most = float(joints[:, 0].max())
+    tight = load_setup("tripod", [f"u1.travel.maximum={most + 20e-6!r}"])
+    prepare(tight, program)
+    reason = refused(tight, program, options=CompensationOptions(iterations=1))
+    assert reason.startswith("compensated, circle.ngc:")
+    assert "u1 leaves its travel" in reason
+
+
+def dense(program):
+    for element in prepare(TRIPOD, program).toolpath():
+        for place in np.linspace(0.0, element.length, 2000):
+            yield element, float(place)
+
+
+def test_a_program_that_would_have_to_slow_down():
+    program = circle(9000.0, 60.0)
+    toolpath = prepare(TRIPOD, program).toolpath()
+    run = observe(TRIPOD, program)
+    full = max(range(len(toolpath.elements)), key=lambda index: toolpath.elements[index].length)
+    on_it = (run.s > toolpath.starts[full]) & (run.s < toolpath.starts[full + 1])
+    fastest = float(np.abs(np.gradient(run.joints, axis=0))[on_it].max()) / TRIPOD.servo_period
+    tight = load_setup("tripod", [f"limits.velocity={fastest * 1.0001!r}"])
+    reason = refused(tight, program, options=CompensationOptions(iterations=1))
+    assert reason.startswith("circle.ngc:")
+    assert "compensated, the tool would have to slow down by 0.6" in reason
+
+
+def test_a_model_that_is_unstable_or_another_machine():
+    unstable = load_setup("tripod", ["drive.kv=3000"])
+    assert "the model cannot run it" in refused(TRIPOD, star(), model=unstable)
+    with pytest.raises(InputError, match="the model is unstable"):
+        drive_inverse(unstable)
+    assert "--model: it is of another machine: machine is bipod" in refused(TRIPOD, star(), model=load_setup("bipod"))
+
+
+def test_nothing_to_compensate():
+    assert "rapids alone" in refused(TRIPOD, Program("p", "G0 X10\nM2\n"))
+
+
+def test_options_are_bounded():
+    for name, value in (("gain", 0.0), ("iterations", 0), ("until_um", math.nan)):
+        spec = next(spec for spec in parameters_of(CompensationOptions) if spec.name == name)
+        with pytest.raises(InputError):
+            spec.check(value, name)
