@@ -89,11 +89,11 @@ class Planner:
 
         Takes from `others` what the path ahead needs, and no piece after the one that has `stop`.
         """
-        return Move(self._settings, first, others)
+        return Move(self._settings, first, _parts(chain((first,), others)))
 
     def duration(self, first: Piece, others: Iterator[Piece]) -> float:
         """What `move` takes, s, but for what verification makes slower: found from the cells, not cycle by cycle."""
-        return Move(self._settings, first, others).duration()
+        return Move(self._settings, first, chain((first,), others)).duration()
 
 
 def _parts(pieces: Iterator[Piece]) -> Iterator[Piece]:
@@ -133,8 +133,8 @@ class _Course:
 class Move:
     """One motion from stop to stop, in portions."""
 
-    def __init__(self, settings: Settings, first: Piece, others: Iterator[Piece]) -> None:
-        self._pieces = _parts(chain((first,), others))
+    def __init__(self, settings: Settings, first: Piece, pieces: Iterator[Piece]) -> None:
+        self._pieces = pieces  # from the first on
         self._patience = max(PATIENCE, settings.taps)
         self._ended = False  # no more pieces
         self._demand = Demand(0.0, False)
