@@ -22,7 +22,8 @@ help:
 	@echo 'make test-pages   load reports in headless Chromium, which must be installed'
 	@echo 'make lint    check style, types and who imports whom'
 	@echo 'make bench   measure speed and memory'
-	@echo 'make fuzz    read a million random and broken part programs (COUNT=1000 for fewer, SEED=2 for others)'
+	@echo 'make fuzz    read a million random and broken part programs (COUNT=1000 for fewer, SEED=2 for others),'
+	@echo '             plan two thousand random motions (MOTIONS=100)'
 	@echo 'make env     only make .venv, or bring it up to date (the others do that first)'
 	@echo 'make lock    resolve requirements.in anew into requirements.lock'
 	@echo 'make clean   remove .venv and caches; bags stay'
@@ -59,6 +60,7 @@ bench: env
 
 fuzz: env
 	@$(BIN)/python tools/fuzz.py --count $(or $(COUNT),1000000) --seed $(or $(SEED),1)
+	@$(BIN)/python tools/fuzz_motion.py --count $(or $(MOTIONS),2000) --seed $(or $(SEED),1)
 
 lock:
 	@tools/lock.sh

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics import reached_rows
-from pkm_cnc.motion import Curve, Interpolator, Shape, pieces
+from pkm_cnc.motion import Curve, Interpolator, Planner, Shape, pieces
 from pkm_cnc.program import Element, Event, Program, ProgramSource, Toolpath, Totals
-from pkm_cnc.records import TcpSetpoint, Vector
+from pkm_cnc.records import NANOSECONDS, TcpSetpoint, Vector
 from pkm_cnc.tolerances import LIMIT_EXCESS
 
 __all__ = ["CheckedProgram", "prepare"]
@@ -51,6 +51,19 @@ class CheckedProgram:
     def toolpath(self) -> Toolpath:
         """All of it in memory."""
         return self.source.toolpath()
+
+    def time(self) -> float:
+        """Time of motion and dwells, s: of a run, or somewhat less where drives and jerk slow it down.
+
+        What is not known before is not in it: how long a run waits for the TCP to be in position, or for the operator.
+        """
+        setup = self.setup
+        planner = Planner(setup.motion, setup.drive_limits, setup.servo_period)
+        path = pieces(self.items(), setup.motion, smooth=planner.taps > 1)
+        time = self.totals.dwell_time
+        while piece := next(path, None):
+            time += planner.duration(piece, path)
+        return round(time / setup.servo_period) * setup.servo_period_ns / NANOSECONDS
 
     def interpolator(self, attended: bool = False) -> Interpolator:
         """What runs it."""

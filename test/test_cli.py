@@ -137,6 +137,7 @@ def test_check_lists_events_and_needs_no_motion(tmp_path: Path) -> None:
             {"kind": "message", "line": 3, "path_length_mm": 0.0, "text": "look"},
             {"kind": "program_end", "line": 4, "path_length_mm": 0.0},
         ],
+        "time_s": 0.5,
     }
     _, *events, verdict = done("check", program, *MACHINE).splitlines()
     assert [line.split() for line in events] == [
@@ -151,13 +152,13 @@ def test_check_as_a_table(tmp_path: Path) -> None:
     header, row, verdict = done("check", program, *MACHINE).splitlines()
     assert header.split() == ["line", "motion", "x_mm", "y_mm", "z_mm", "feed_mm_min"]
     assert row.split() == ["1", "feed", "1.0000", "2.0000", "3.0000", "100.0"]
-    assert verdict == "1 motions, 3.742 mm: within workspace and travel"
+    assert verdict == "1 motions, 3.742 mm, 2.246 s: within workspace and travel"
     assert list(tmp_path.iterdir()) == [program]
 
 
 def _motion(folder: Path, text: str, *options: str) -> list[dict[str, Any]]:
     printed = json.loads(done("check", _write(folder, text), *MACHINE, "--json", *options))
-    assert list(printed) == ["motion", "events"]
+    assert list(printed) == ["motion", "events", "time_s"]
     motion: list[dict[str, Any]] = printed["motion"]
     return motion
 

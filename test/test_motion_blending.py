@@ -75,8 +75,10 @@ def test_corners_with_arcs_deviate_by_p_at_most(angle: float, radius: float, swe
     assert deviation(elements, path) <= tolerance * (1.0 + 1e-6)
 
 
-def test_a_right_angle_uses_the_tolerance() -> None:
-    elements = polyline([(0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.01, 0.01, 0.0)], mode=PathMode("G64", 5e-5)).elements
+@pytest.mark.parametrize("mode", [PathMode("G64", 5e-5), PathMode("G64", 5e-5, 5e-5), PathMode("G64", 5e-5, 0.0)])
+def test_a_right_angle_uses_the_tolerance(mode: PathMode) -> None:
+    """All of it, for nothing was joined."""
+    elements = polyline([(0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.01, 0.01, 0.0)], mode=mode).elements
     path = pieces_of(elements)
     assert [type(piece.shape).__name__ for piece in path] == ["Line", "Curve", "Line"]
     assert deviation(elements, path) == pytest.approx(5e-5, rel=1e-3)
@@ -122,7 +124,7 @@ def test_a_curves_derivatives_are_those_of_its_position() -> None:
 def test_where_the_tcp_stops(mode: str, stops: list[bool]) -> None:
     """A corner, a straight junction, a reversal."""
     corners = [(0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.01, 0.01, 0.0), (0.01, 0.02, 0.0), (0.01, 0.005, 0.0)]
-    path = [piece for piece in pieces_of(polyline(corners, mode=PathMode(mode)).elements) if piece.marks]
+    path = [piece for piece in pieces_of(polyline(corners, mode=PathMode(mode, None, 0.0)).elements) if piece.marks]
     lines = [piece for piece in path if isinstance(piece.shape, Line)]
     assert [piece.stop for piece in lines] == [*stops, True]
 

@@ -27,3 +27,13 @@ def test_a_curve_is_checked_along_its_length() -> None:
     prepare(load_setup("cartesian", [f"travel.maximum={0.02 + 1e-6}"]), Program("arcs.ngc", text))
     with pytest.raises(InputError, match=r"arcs\.ngc:2: y leaves its travel"):
         prepare(load_setup("cartesian", [f"y.travel.maximum={reach - 1e-5}"]), Program("arcs.ngc", text))
+
+
+@pytest.mark.parametrize("jerk", [0.0, 50.0])
+def test_the_time_is_that_of_the_motion_and_its_dwells(jerk: float) -> None:
+    """Two lines that reach their feed, a stop between: length / feed + feed / a (+ a / j), to the next cycle."""
+    setup = load_setup("cartesian", [f"motion.jerk={jerk}", "motion.acceleration=2.0"])
+    program = Program("dwell.ngc", "G1 X50 F6000\nG4 P1.5\nY30 F3000\nM2\n")
+    ideal = 0.05 / 0.1 + 0.1 / 2.0 + 1.5 + 0.03 / 0.05 + 0.05 / 2.0 + (2.0 * 2.0 / jerk if jerk else 0.0)
+    found = prepare(setup, program).time()
+    assert ideal <= found + 1e-9 <= ideal + 2.0 * (0.001 if not jerk else 0.003)

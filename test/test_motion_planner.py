@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,10 +14,10 @@ from motion import PERIOD, arc, line, moved, polyline, used
 
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.errors import MachineFault
-from pkm_cnc.motion import MotionParameters, pieces
+from pkm_cnc.motion import Interpolator, MotionParameters, pieces
 from pkm_cnc.motion.limits import ANY_DRIVES, DriveLimits, LimitParameters
 from pkm_cnc.motion.planner import Demand, Planner
-from pkm_cnc.program import Line, PathMode
+from pkm_cnc.program import Line, PathMode, Toolpath
 
 KEPT = 1.001
 """1. What may be used of a limit."""
@@ -62,6 +63,22 @@ def test_near_the_edge_of_the_workspace_the_drive_sets_the_speed() -> None:
     middle = (x > 0.11) & (x < 0.545)
     np.testing.assert_allclose(v[middle], allowed[middle], rtol=2e-3)
     assert allowed[middle].min() < 0.06
+
+
+def test_the_tripod_slows_down_along_its_edge_just_enough() -> None:
+    """Where a strut lies flat its drive is faster than the TCP: there it is at its limit, elsewhere the TCP at feed."""
+    setup = load_setup("tripod", ["limits.velocity=0.15"])
+    past = line((-0.15, 0.17, 0.0), (0.15, 0.17, 0.0), feed=0.15)
+    setpoints = moved(setup, [past], PLAIN)
+    assert 0.999 < used(setup, setpoints, PLAIN)["drive velocity"] < KEPT
+    table = np.array([setpoint[:6] for setpoint in setpoints])
+    speed = np.linalg.norm(table[:, 3:], axis=1)
+    struts = np.abs(np.diff(setup.machine.inverse(table[:, :3]), axis=0)).max(axis=1) / PERIOD
+    steady = slice(60, -60)
+    busy = struts[steady] > 0.995 * 0.15
+    assert 300 < busy.sum() < busy.size - 300
+    np.testing.assert_allclose(speed[1:][steady][~busy], 0.15, rtol=6e-3)
+    assert speed[1:][steady][busy].min() < 0.12
 
 
 @pytest.mark.parametrize("feed", [0.05, 0.167])
@@ -122,6 +139,19 @@ def test_the_path_is_taken_as_it_is_needed(motion: MotionParameters, drives: Dri
             sent = len(setpoints)
             found += [taken - setpoint.segment for setpoint in setpoints]
     assert max(found) < 400
+
+
+@pytest.mark.parametrize(("motion", "setup"), [(PLAIN, CARTESIAN), (SMOOTH, TRIPOD_SMOOTH)])
+def test_a_long_slow_line_is_planned_as_it_is_needed(motion: MotionParameters, setup: Setup) -> None:
+    """0.1 m at 10 mm/min are 600,000 cycles, of which some ten thousand are planned at once."""
+    element = line((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), feed=0.01 / 60.0)
+    interpolator = Interpolator(Toolpath((element,)), motion, PERIOD, setup.drive_limits)
+    tracemalloc.start()
+    for _ in range(100):
+        interpolator.step()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50e6
 
 
 def test_a_block_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

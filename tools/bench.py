@@ -6,7 +6,10 @@ Machine time is what the machine would take; "x real time" is machine time over 
 from __future__ import annotations
 
 import gc
+import math
 import os
+import shutil
+import subprocess
 import tempfile
 import time
 from pathlib import Path
@@ -21,14 +24,16 @@ from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.contour import parse_headings, star_program
 from pkm_cnc.experiments import Lab, load_experiment
 from pkm_cnc.experiments import simulated as trial
-from pkm_cnc.program import Program, read_program
-from pkm_cnc.records import AxisSetpoint
+from pkm_cnc.motion import Interpolator
+from pkm_cnc.program import Program, interpret, read_elements, read_program
+from pkm_cnc.records import PHASE_MOVE, AxisSetpoint
 from pkm_cnc.reproduction import reproduce
 from pkm_cnc.servo import ServoDrive
 from pkm_cnc.simulation import make_plant, simulate
 from pkm_cnc.topics import recorded_topics
 
 HOPS = 20_000
+BLOCKS, SEGMENTS = 100_000, 20_000
 MINUTE_1, MINUTE_10 = 60.0, 600.0
 
 
@@ -118,6 +123,64 @@ def array_path_times(setup: Setup) -> tuple[float, float]:
     return by_arrays, time.perf_counter() - started
 
 
+def wave(blocks: int) -> Program:
+    """Lines of 0.1 mm along a curve in space, as a CAM system writes them."""
+    places = (
+        (50.0 * math.cos(2e-3 * k) - 50.0, 50.0 * math.sin(2e-3 * k), 2.0 * math.sin(1e-3 * k))
+        for k in range(1, blocks + 1)
+    )
+    lines = "".join(f"G1 X{x:.3f} Y{y:.3f} Z{z:.3f}\n" for x, y, z in places)
+    return Program("wave.ngc", f"G21 G90 G64 P0.02 F6000\n{lines}M2\n")
+
+
+def reading(program: Program) -> float:
+    """Wall time (s) of interpreting a program."""
+    started = time.perf_counter()
+    origin = (0.0, 0.0, 0.0)
+    for _ in read_elements(program, start=origin, zero=origin, rapid=0.1):
+        pass
+    return time.perf_counter() - started
+
+
+def peer_reading(program: Program, folder: Path) -> float | None:
+    """Wall time (s) of LinuxCNC's interpreter for the same program, start-up included; None where it is not there."""
+    peer = shutil.which("rs274")
+    if peer is None:
+        return None
+    path = folder / program.name
+    path.write_text(program.text)
+    started = time.perf_counter()
+    subprocess.run([peer, "-g", str(path)], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return time.perf_counter() - started
+
+
+def planning(setup: Setup, program: Program) -> tuple[float, float, float]:
+    """Of a planned program: the motion's time (s), wall time (s), and the time at feed all along (s)."""
+    toolpath = interpret(program, start=setup.start_pose, zero=setup.program_zero, rapid=setup.motion.rapid)
+    interpolator = Interpolator(toolpath, setup.motion, setup.servo_period, setup.drive_limits)
+    started, cycles = time.perf_counter(), 0
+    while not interpolator.finished:
+        cycles += interpolator.step().phase == PHASE_MOVE
+    at_feed = sum(element.length / element.feed for element in toolpath.elements)
+    return (cycles - 1) * setup.servo_period, time.perf_counter() - started, at_feed
+
+
+def print_motion(folder: Path) -> None:
+    """Interpreter and look-ahead."""
+    program = wave(BLOCKS)
+    print(f"interpreter:              {BLOCKS / reading(program):6.0f} blocks/s   (required 33000)", flush=True)
+    peer = peer_reading(program, folder)
+    if peer is not None:
+        print(f"  LinuxCNC's rs274        {BLOCKS / peer:6.0f} blocks/s", flush=True)
+    for name, overrides in (("", ()), (", limits of jerk", ("motion.jerk=100.0", "limits.jerk=200.0"))):
+        machine, wall, at_feed = planning(load_setup("tripod", overrides), wave(SEGMENTS))
+        print(
+            f"look-ahead:               {SEGMENTS / wall:6.0f} segments/s of 0.1 mm, in {machine / at_feed:.3f} x the "
+            f"time at 6000 mm/min{name}",
+            flush=True,
+        )
+
+
 def wall_of(name: str) -> float:
     """Wall time (s) of an experiment with its defaults."""
     experiment = load_experiment(name)
@@ -134,6 +197,7 @@ def main() -> None:
         folder = Path(name)
         minute, ten_minutes = star(folder, MINUTE_1), star(folder, MINUTE_10)
 
+        print_motion(folder)
         machine, wall = simulated(setup, minute, None)
         print(f"simulate without a bag:   {machine / wall:6.2f} x real time   (required 30)", flush=True)
         machine, wall = simulated(setup, minute, folder / "simulated")

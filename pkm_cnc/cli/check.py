@@ -36,9 +36,12 @@ def _check(arguments: argparse.Namespace) -> None:
     motion, events = canonical_motion(items, setup.program_zero), canonical_events(items)
     # a program that only speaks to spindle, tool or operator is one; there is then nothing to check
     commands_something = any(event["kind"] != "program_end" for event in events)
-    length = 0.0 if commands_something and not motion else prepare(setup, program).length
+    length, time = 0.0, sum(event["value"] for event in events if event["kind"] == "dwell")
+    if motion or not commands_something:
+        checked = prepare(setup, program)
+        length, time = checked.length, checked.time()
     if arguments.json:
-        print(json.dumps({"motion": motion, "events": events}))
+        print(json.dumps({"motion": motion, "events": events, "time_s": time}))
         return
     print(f"{'line':>6}  {'motion':8}  {'x_mm':>12} {'y_mm':>12} {'z_mm':>12}  {'feed_mm_min':>11}")
     rows = iter(motion)
@@ -51,7 +54,7 @@ def _check(arguments: argparse.Namespace) -> None:
         entry = next(rows)
         x, y, z = entry["end_mm"]
         print(f"{entry['line']:>6}  {entry['kind']:8}  {x:12.4f} {y:12.4f} {z:12.4f}  {entry['feed_mm_min']:11.1f}")
-    print(f"{len(motion)} motions, {length * 1e3:.3f} mm: within workspace and travel")
+    print(f"{len(motion)} motions, {length * 1e3:.3f} mm, {time:.3f} s: within workspace and travel")
 
 
 def _quoted(text: str) -> str:

@@ -12,6 +12,7 @@ from pkm_cnc.motion.interpolator import Interpolator, Progress, Source
 from pkm_cnc.motion.limits import DriveLimits, LimitParameters, MotionParameters
 from pkm_cnc.motion.operator import Operator
 from pkm_cnc.motion.piece import Curve, Piece, Shape
+from pkm_cnc.motion.planner import Planner
 from pkm_cnc.motion.supply import Segment
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "MotionParameters",
     "Operator",
     "Piece",
+    "Planner",
     "Progress",
     "Segment",
     "Shape",

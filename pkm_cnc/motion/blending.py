@@ -10,7 +10,8 @@ A rapid begins and ends in a stop, and so does what lies between two events for 
 leaves the path the same distance before a corner as it meets it behind, at most half an element, with tangent and
 curvature of the elements, so that the acceleration has no jump. The deviation is meant both ways: no point of the curve
 is further from the path than P, and no point of the path from the curve. Where lines were joined, at most half of P was
-used for that, and curves have the rest.
+used for that, and the curves at their ends have the rest. G64 without P has motion.blend_tolerance as its P, without Q
+joins as much as it may.
 """
 
 from __future__ import annotations
@@ -102,10 +103,10 @@ def _joined(
 
 
 def _tolerances(mode: PathMode, parameters: MotionParameters) -> tuple[float, float]:
-    """Of rounding and of joining, m; together at most P."""
+    """P, and what of it lines are joined within, m."""
     tolerance = parameters.blend_tolerance if mode.tolerance is None else mode.tolerance
-    joining = min(mode.naive_cam or 0.0, 0.5 * tolerance)
-    return tolerance - joining, joining
+    joining = tolerance if mode.naive_cam is None else mode.naive_cam
+    return tolerance, min(joining, 0.5 * tolerance)
 
 
 def _rounded(mode: PathMode, parameters: MotionParameters) -> bool:
@@ -170,7 +171,9 @@ def _curve(before: Piece, after: Piece, parameters: MotionParameters, smooth: bo
     jump = math.dist(before.shape.curvature(before.shape.length), after.shape.curvature(0.0))
     if angle <= STRAIGHT_ON and not (smooth and jump > SAME_CURVATURE):
         return None
-    tolerance = _tolerances(before.mode, parameters)[0]
+    tolerance, joining = _tolerances(before.mode, parameters)
+    if len(before.marks) > 1 or len(after.marks) > 1:
+        tolerance -= joining
     reach = min(_half(before), _half(after))
     if isinstance(before.shape, Line) and isinstance(after.shape, Line):
         reach = min(reach, tolerance / (LINE_DEVIATION * math.sin(0.5 * angle)))

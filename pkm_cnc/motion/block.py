@@ -115,6 +115,22 @@ class Block:
             f"{rounds or ROUNDS} attempts the motion is still {100.0 * (worst - 1.0):.3g} % too fast"
         )
 
+    def skip(self, ends: bool) -> int:
+        """Leave behind the cells that are final before verification; return how many."""
+        cells, nodes = self._limits()
+        squares, _ = speeds_squared(cells, nodes, self._square, 0.0)
+        final = len(cells) if ends else self._final(cells, nodes, squares)
+        if final:
+            self.commit(Plan(squares, final, [], []))
+            del self._places[:-1]
+        return final
+
+    @property
+    def duration(self) -> float:
+        """Time from rest to rest at the end of the cells that are left behind, s."""
+        cycles = math.ceil(self._time / self._settings.period) - 1 + len(self._at_rest(self.history[-1]))
+        return cycles * self._settings.period
+
     def excess(self, setpoints: list[TcpSetpoint]) -> list[float]:
         """By what factor each of the next setpoints is too fast for the limits: see `slow_downs`."""
         settings, scales = self._settings, np.full(BEFORE + len(setpoints), self.scale)

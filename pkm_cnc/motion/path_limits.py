@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pkm_cnc.motion.feed_profile import Cell
 from pkm_cnc.motion.limits import DriveLimits, MotionParameters
 from pkm_cnc.motion.piece import Curve, Piece
-from pkm_cnc.program import Line
+from pkm_cnc.program import Arc, Line
 
 __all__ = ["PieceEnd", "PlannedCell", "cells_of"]
 
@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 SPACING = 0.25e-3
 """m. Longest cell where a drive or a jerk limits: limits are taken as constant over it."""
+TURN = 0.02
+"""rad. Longest cell of an arc: what the drives do changes with the direction of travel."""
 CURVE_CELLS, LEAST_CELLS = 8, 2
 """Cells of a curve, on which the curvature rises and falls, and of any other piece, at least."""
 NEAR_LIMIT = 0.999
@@ -100,7 +102,8 @@ class _Samples(NamedTuple):
 
 def _count(piece: Piece) -> int:
     least = CURVE_CELLS if isinstance(piece.shape, Curve) else LEAST_CELLS
-    return max(least, math.ceil(piece.length / SPACING))
+    longest = min(SPACING, TURN * piece.shape.radius) if isinstance(piece.shape, Arc) else SPACING
+    return max(least, math.ceil(piece.length / longest))
 
 
 def _samples(group: Sequence[Piece], counts: Sequence[int], drives: DriveLimits) -> _Samples:

@@ -14,6 +14,7 @@ is as long as needed, and memory does not grow with the path.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from bisect import bisect_left
 from collections.abc import Iterator
@@ -34,7 +35,9 @@ __all__ = ["Demand", "Move", "Planner", "Portion"]
 BLOCK = 1024
 """Cells planned together, at least: enough to brake in from usual feeds, few enough to be planned in a moment."""
 GROUP = 32
-"""Pieces cut into cells together."""
+"""Pieces cut into cells together, at most."""
+BLOCK_TIME = 10.0
+"""s. A block is no longer than it needs to be either: at 1 mm/min a thousand cells would be millions of cycles."""
 STRENGTHS = (1.0, 0.7, 0.5, 0.35, 0.25)
 """1. Parts of the acceleration with which braking is tried."""
 PATIENCE = 16
@@ -86,7 +89,27 @@ class Planner:
 
         Takes from `others` what the path ahead needs, and no piece after the one that has `stop`.
         """
-        return Move(self._settings, first, others)
+        return Move(self._settings, first, _parts(chain((first,), others)))
+
+    def duration(self, first: Piece, others: Iterator[Piece]) -> float:
+        """What `move` takes, s, but for what verification makes slower: found from the cells, not cycle by cycle."""
+        return Move(self._settings, first, chain((first,), others)).duration()
+
+
+def _parts(pieces: Iterator[Piece]) -> Iterator[Piece]:
+    """The pieces, those that take longer than BLOCK_TIME in parts."""
+    for piece in pieces:
+        count = max(math.ceil(piece.length / (piece.feed * BLOCK_TIME)), 1)
+        if count == 1:
+            yield piece
+            continue
+        length = piece.length / count
+        for k in range(count):
+            begin = piece.begin + k * length
+            first = max(bisect_left(piece.marks, True, key=lambda mark: mark.s > begin) - 1, 0)
+            marks = [mark for mark in piece.marks[first:] if mark.s < begin + length]
+            stop = piece.stop and k == count - 1
+            yield dataclasses.replace(piece, begin=begin, length=length, marks=tuple(marks), stop=stop)
 
 
 @dataclass(frozen=True)
@@ -110,8 +133,8 @@ class _Course:
 class Move:
     """One motion from stop to stop, in portions."""
 
-    def __init__(self, settings: Settings, first: Piece, others: Iterator[Piece]) -> None:
-        self._pieces = chain((first,), others)
+    def __init__(self, settings: Settings, first: Piece, pieces: Iterator[Piece]) -> None:
+        self._pieces = pieces  # from the first on
         self._patience = max(PATIENCE, settings.taps)
         self._ended = False  # no more pieces
         self._demand = Demand(0.0, False)
@@ -139,6 +162,16 @@ class Move:
         setpoints, complete = course.plan.setpoints[first:last], last == course.use
         line = course.plan.samples[last - 1].piece.marks[-1].line
         return Portion(setpoints, complete and course.rests, complete and course.ends, course.block_ends, line)
+
+    def duration(self) -> float:
+        """See `Planner.duration`; of a motion that has not begun."""
+        block, blocks = self._course.then, 1
+        block.scale = 1.0
+        while True:
+            self._fill(block, blocks)
+            blocks = 1 if block.skip(self._ended) else 2 * blocks
+            if self._ended and not block.cells:
+                return block.duration
 
     def _at_rest(self) -> bool:
         """Whether the profile rests, and what is left of its plan is the mean that comes to rest, too."""
@@ -173,9 +206,9 @@ class Move:
 
     def _planned(self, block: Block, refuge: Plan) -> _Course:
         """The next course from `block`; `refuge` is how what was sent last goes on to a stop."""
-        wanted = BLOCK
+        blocks = 1
         while True:
-            self._fill(block, wanted)
+            self._fill(block, blocks)
             course = self._to_line_end(block) if self._demand.single_block else None
             plan = course.plan if course else block.plan(self._ended)
             if course is not None:
@@ -190,9 +223,9 @@ class Move:
             if course is not None:
                 if course.use > 0:
                     return course
-                block, refuge, wanted = course.then, plan, BLOCK
+                block, refuge, blocks = course.then, plan, 1
             else:
-                wanted = 2 * len(block.cells)
+                blocks *= 2
 
     def _course_of(self, block: Block, plan: Plan) -> _Course | None:
         """What of the plan is sent; None if the block is too short for that."""
@@ -212,15 +245,17 @@ class Move:
                 return _resting(block, plan, block_ends=True)
         return None
 
-    def _fill(self, block: Block, wanted: int) -> list[Piece]:
-        """Take pieces until there are `wanted` cells, or the motion's last; return them."""
+    def _fill(self, block: Block, blocks: int) -> list[Piece]:
+        """Take pieces until there are so many times BLOCK cells or BLOCK_TIME, or the motion's last; return them."""
         taken = []
-        while not self._ended and len(block.cells) < wanted:
+        time = math.fsum(cell.length / math.sqrt(cell.limit) for cell, *_ in block.cells)
+        while not self._ended and len(block.cells) < blocks * BLOCK and time < blocks * BLOCK_TIME:
             group = []
             for piece in islice(self._pieces, GROUP):
                 group.append(piece)
+                time += piece.length / (piece.feed * block.scale)
                 self._ended = piece.stop
-                if piece.stop:
+                if piece.stop or time >= blocks * BLOCK_TIME:
                     break
             block.append(group)
             taken += group
@@ -234,7 +269,7 @@ class Move:
             found = _stopping(now)
         else:
             ended, block = self._ended, now.redirected(demand.scale)
-            taken = self._fill(block, BLOCK)
+            taken = self._fill(block, 1)
             found = self._to_line_end(block) if demand.single_block else None
             found = found or self._entering(now, block)
             if found is None:

@@ -59,7 +59,7 @@ class PathMode(NamedTuple):
     """How the path is kept between motions (G61, G61.1, G64), as the program asks for it.
 
     `code` is the word; for G64 `tolerance` (m) is the largest deviation allowed, None = as the machine likes, and
-    `naive_cam` (m) the deviation within which points in a line may be joined, None = none.
+    `naive_cam` (m) the deviation within which points in a line may be joined, None = as the machine likes.
     """
 
     code: str
