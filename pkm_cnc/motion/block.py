@@ -280,6 +280,13 @@ class Block:
         block._send(samples, setpoints)
         return block
 
+    def beginning(self, scale: float) -> Block:
+        """One without cells yet, to begin now."""
+        block = self.copy()
+        block.scale = block._ceiling = scale
+        block._time = (self._cycle - 1) * self._settings.period
+        return block
+
     def redirected(self, scale: float) -> Block:
         """To be planned from the last cycle on, with another override; its limits are new."""
         block = self.copy()

@@ -166,7 +166,7 @@ class Move:
                 )
                 return
             if not block.cells:
-                block.scale = scale
+                block = block.beginning(scale)
             elif not course.ready or block.scale != scale:
                 block = block.redirected(scale)
         self._course = self._planned(block, refuge)
