@@ -42,7 +42,7 @@ ALLOWED = {
     CMD_START: {STATE_READY: STATE_RUNNING},
     CMD_HOLD: {STATE_RUNNING: STATE_HOLDING},
     CMD_RESUME: {STATE_HOLDING: STATE_RUNNING, STATE_HELD: STATE_RUNNING, STATE_PROGRAM_STOP: STATE_RUNNING},
-    CMD_ABORT: {state: STATE_ABORTING for state in (STATE_RUNNING, STATE_HOLDING, STATE_HELD, STATE_PROGRAM_STOP)},
+    CMD_ABORT: dict.fromkeys((STATE_RUNNING, STATE_HOLDING, STATE_HELD, STATE_PROGRAM_STOP), STATE_ABORTING),
     CMD_RESET: {STATE_ABORTED: STATE_READY},
 }
 
@@ -63,7 +63,7 @@ def test_overrides_are_from_0_to_2(kind: int) -> None:
     for value in (0.0, 0.37, 2.0):
         assert ready.commanded(Command(kind, value)).override(kind == CMD_RAPID_OVERRIDE) == value
     for value in (-1e-9, 2.01, math.nan, math.inf):
-        with pytest.raises(Refusal, match="override .* is not from 0 to 2"):
+        with pytest.raises(Refusal, match=r"override .* is not from 0 to 2"):
             ready.commanded(Command(kind, value))
     with pytest.raises(Refusal, match="finished"):
         Operator(STATE_FINISHED).commanded(Command(kind, 1.0))
@@ -198,7 +198,8 @@ def test_override_0_is_a_stop_from_which_a_higher_one_goes_on() -> None:
     run_on(interpolator, 100)
     interpolator.command(Command(CMD_FEED_OVERRIDE, 0.0))
     stopped = run_on(interpolator)
-    assert interpolator.state == STATE_RUNNING and interpolator.waits_for_operator
+    assert interpolator.state == STATE_RUNNING
+    assert interpolator.waits_for_operator
     assert stopped[-1][3:9] == (0.0,) * 6
     interpolator.command(Command(CMD_FEED_OVERRIDE, 1.0))
     assert run_on(interpolator)[-1] == run_on(checked.interpolator())[-1]

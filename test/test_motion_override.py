@@ -113,6 +113,9 @@ def test_whatever_is_commanded_limits_path_and_end_are_kept(
     assert setpoints[-1].path_length == pytest.approx(path.length, abs=1e-15)
     lengths = [setpoint.path_length for setpoint in setpoints]
     assert max(a - b for a, b in itertools.pairwise(lengths)) <= 1e-15
+    for before, after in itertools.pairwise(setpoints):  # the setpoints are one motion: no jump
+        for here, there, v0, v1 in zip(before[:3], after[:3], before[3:6], after[3:6], strict=True):
+            assert abs(there - here - 0.5 * PERIOD * (v0 + v1)) <= 2.0 * motion.acceleration * PERIOD * PERIOD
     tolerance = 1e-12 if mode.code == "G61" else 5e-5
     for setpoint in setpoints:
         element = path.elements[setpoint.segment]

@@ -95,7 +95,9 @@ class Block:
 
         `ends`: the TCP stops there, nothing follows. Raises MachineFault where `rounds` of slowing down do not help.
         """
-        settings = self._settings
+        settings, first = self._settings, self.cells[0].cell
+        if self._cut and first.free and self._square > first.limit * self._slow[0]:
+            return None
         if settings.taps == 1 and self._cycle >= self._ceiling_end and all(planned.cell.free for planned in self.cells):
             return self._unverified(ends)
         for attempt in range(rounds or ROUNDS):
@@ -296,12 +298,19 @@ class Block:
         block._send(samples, setpoints)
         return block
 
+    def beginning(self, scale: float) -> Block:
+        """One without cells yet, to begin now."""
+        block = self.copy()
+        block.scale = block._ceiling = scale
+        block._time = (self._cycle - 1) * self._settings.period
+        return block
+
     def redirected(self, scale: float) -> Block:
         """To be planned from the last cycle on, with another override; its limits are new."""
         block = self.copy()
         settings = self._settings
         block._ceiling, block._ceiling_end = max(self._ceiling, scale), self._cycle + settings.taps - 1
-        block.scale = scale
+        block.scale, block._until = scale, None
         pieces = [piece for _, piece in self._places]
         block.cells, block._end = cells_of(pieces, settings.motion, settings.drives, settings.period, None, scale)
         block.starts = []
@@ -386,6 +395,8 @@ class Block:
 
     def enterable(self, state: Sample, reachable: list[float]) -> bool:
         """Whether `state` is slow enough to go on from there, by what is reachable at the nodes."""
+        if state.path >= self.starts[-1] - ZERO_LENGTH:
+            return False
         index = max(min(bisect_right(self.starts, state.path) - 1, len(self.cells) - 1), 0)
         cell, w, left = self.cells[index].cell, state.v * state.v, max(self.starts[index + 1] - state.path, 0.0)
         if cell.free:

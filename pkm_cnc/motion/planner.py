@@ -46,6 +46,8 @@ TRANSITION_ROUNDS = 12
 """Rounds of slowing down when a change is tried: what they do not heal lies in what is sent already."""
 REFINEMENTS = 20
 """Halvings of the last cycle's braking, so that it ends at the new feed: to a millionth of a cycle's."""
+LINE_ENDS = 2
+"""Ends of lines at which a stop is tried that begins while the TCP moves."""
 ENTRIES = 4
 """How often braking is made stronger because what follows had to be slowed down."""
 
@@ -199,7 +201,7 @@ class Move:
                 )
                 return
             if not block.cells:
-                block.scale = scale
+                block = block.beginning(scale)
             elif not course.ready or block.scale != scale:
                 block = block.redirected(scale)
         self._course = self._planned(block, refuge)
@@ -270,16 +272,23 @@ class Move:
         else:
             ended, block = self._ended, now.redirected(demand.scale)
             taken = self._fill(block, 1)
-            found = self._to_line_end(block) if demand.single_block else None
-            found = found or self._entering(now, block)
+            found = self._entering_line(now, block) if demand.single_block else None
+            found = found or self._entering(now, block, False)
             if found is None:
                 self._ended, self._pieces = ended, chain(taken, self._pieces)
         if found is not None:
             self._course, self._done = found, 0
         return found is not None
 
-    def _entering(self, now: Block, block: Block) -> _Course | None:
-        """To `block`, which has other limits: by braking as far as it wants that."""
+    def _entering_line(self, now: Block, block: Block) -> _Course | None:
+        """To `block`, and to rest where the program's next line ends before which the TCP can brake, or the next."""
+        braking = now.braking(STRENGTHS[0])
+        ends = (path for path in block.line_ends() if braking and path > braking[-1].path)
+        courses = (self._entering(now, block.until(path), True) for path in islice(ends, LINE_ENDS))
+        return next(filter(None, courses), None)
+
+    def _entering(self, now: Block, block: Block, block_ends: bool) -> _Course | None:
+        """To `block`, which has other limits, by braking as far as it wants that; `block_ends`: to rest at its end."""
         for strength in STRENGTHS:
             goal = block.copy()
             for _ in range(ENTRIES):
@@ -288,9 +297,11 @@ class Move:
                 if braking is None or (setpoints and max(now.excess(setpoints)) > 1.0 + LIMIT_EXCESS):
                     break
                 entered = goal.entered(braking, setpoints)
-                plan = _attempt(entered, self._ended)
-                following = None if plan is None else self._course_of(entered, plan)
-                if following is not None:
+                plan = _attempt(entered, self._ended and not block_ends)
+                if plan is not None:
+                    following = _resting(entered, plan, True) if block_ends else self._course_of(entered, plan)
+                    if following is None:
+                        return None
                     return _Course(now, Plan([], 0, braking, setpoints), len(braking), entered, following=following)
                 goal.slow_as(entered)
         return None
