@@ -218,7 +218,7 @@ def _keys(rows: NDArray[np.void], prefix: str) -> list[str]:
 def check_machine(name: str, recorded_by: Setup, setup: Setup) -> None:
     """Raise InputError, calling it `name`, for a setup whose controller would give other setpoints than `setup`."""
     ours, theirs = ({key: value for key, (value, _) in one.parameters.items()} for one in (setup, recorded_by))
-    for key in sorted({*ours, *theirs}):
+    for key in sorted({*ours, *theirs}, key=lambda key: (key != "machine", key)):
         sections = key.split(".")
         decides = sections[0] in SAME_SETPOINTS or (len(sections) > 2 and sections[1] in SAME_SETPOINTS)
         if decides and sections[0] != "actual" and ours.get(key) != theirs.get(key):
