@@ -57,6 +57,15 @@ def linear(setup: Setup) -> None:
             "it off, or run the step loop"
         )
     for axis, parts in setup.axes.items():
+        if by := setup.imperfect(axis):
+            raise InputError(
+                f"{axis}: {by} makes the axis imperfect, and the array path takes ideal ones alone: run the step loop"
+            )
+        if parts.scale.noise != 0.0:
+            raise InputError(
+                f"{axis}.scale.noise: {parts.scale.noise} m, and the array path takes exact scales alone: set it to 0, "
+                "or run the step loop"
+            )
         if parts.scale.resolution != 0.0:
             raise InputError(
                 f"{axis}.scale.resolution: {parts.scale.resolution} m makes the axis loop nonlinear, and the array "

@@ -14,13 +14,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics import Machine, in_space, load_kinematics
 from pkm_cnc.motion import DriveLimits, LimitParameters, MotionParameters
 from pkm_cnc.parameters import Parameter, Value, parameter, parameters_of, read_section
-from pkm_cnc.plant import ScaleParameters, ScrewParameters, TravelParameters
+from pkm_cnc.plant import (
+    AxisParts,
+    DisturbanceParameters,
+    FrictionParameters,
+    LoadParameters,
+    PlantParameters,
+    ScaleParameters,
+    ScrewParameters,
+    SliderParameters,
+    TravelParameters,
+    imperfect,
+)
 from pkm_cnc.program import ProgramParameters
 from pkm_cnc.records import NANOSECONDS, Vector
 from pkm_cnc.servo import DriveParameters
@@ -75,10 +88,54 @@ class GraphParameters:
     )
 
 
+@dataclass(frozen=True)
+class TiltParameters:
+    """Section `actual.tilt.*`: the platform tilts as it leaves the axis, and the TCP below it is displaced by that.
+
+    Thesis 6.5.2: the struts hold the platform level only if they are alike and their joints have no play.
+    """
+
+    about_y: float = parameter(
+        0.0,
+        "tilt about y for each metre that the TCP is off the axis in x",
+        unit="rad/m",
+        minimum=-1.0,
+        maximum=1.0,
+    )
+    about_x: float = parameter(
+        0.0,
+        "tilt about x for each metre that the TCP is off the axis in y",
+        unit="rad/m",
+        minimum=-1.0,
+        maximum=1.0,
+    )
+    lever: float = parameter(
+        0.0,
+        "height of the TCP over the centre of the tilt; below: negative",
+        unit="m",
+        minimum=-10.0,
+        maximum=10.0,
+    )
+
+    @property
+    def active(self) -> bool:
+        """Whether the TCP is displaced at all."""
+        return self.lever != 0.0 and (self.about_x != 0.0 or self.about_y != 0.0)
+
+    def displaced(self, tcp: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The TCP (..., 3), m, of a platform that would have it at `tcp` if it were level; to first order."""
+        x, y, z = tcp[..., 0], tcp[..., 1], tcp[..., 2]
+        return np.stack((x + self.lever * (self.about_y * x), y - self.lever * (self.about_x * y), z), axis=-1)
+
+
 ACTUAL_GEOMETRY = "actual.geometry"
+ACTUAL_TILT = "actual.tilt"
 AXIS_SECTIONS: dict[str, type] = {
     "drive": DriveParameters,
     "screw": ScrewParameters,
+    "slider": SliderParameters,
+    "friction": FrictionParameters,
+    "disturbance": DisturbanceParameters,
     "scale": ScaleParameters,
     "travel": TravelParameters,
     "limits": LimitParameters,
@@ -87,13 +144,21 @@ AXIS_SECTIONS: dict[str, type] = {
 
 @dataclass(frozen=True)
 class AxisSetup:
-    """One axis: drive, screw, linear scale, travel, and limits of its setpoint."""
+    """One axis: drive, screw, slider, friction, disturbance, linear scale, travel, and limits of its setpoint."""
 
     drive: DriveParameters
     screw: ScrewParameters
+    slider: SliderParameters
+    friction: FrictionParameters
+    disturbance: DisturbanceParameters
     scale: ScaleParameters
     travel: TravelParameters
     limits: LimitParameters
+
+    @property
+    def parts(self) -> AxisParts:
+        """What the plant is made of."""
+        return AxisParts(self.drive, self.screw, self.slider, self.friction, self.disturbance, self.scale, self.travel)
 
 
 @dataclass(frozen=True)
@@ -115,6 +180,9 @@ class Setup:
     motion: MotionParameters
     graph: GraphParameters
     tcp_control: TcpControlParameters
+    plant: PlantParameters
+    load: LoadParameters
+    tilt: TiltParameters
     axes: dict[str, AxisSetup]
     parameters: dict[str, tuple[Value, Parameter]]
     """All parameters by key, defaults included, each with its description."""
@@ -128,6 +196,20 @@ class Setup:
     def drive_limits(self) -> DriveLimits:
         """What the planner of the motion needs to know of the drives."""
         return DriveLimits.of(self.machine.motion, [axis.limits for axis in self.axes.values()])
+
+    @property
+    def coupled(self) -> bool:
+        """Whether an axis feels what the others do."""
+        return self.load.mass > 0.0
+
+    def imperfect(self, axis: str) -> str:
+        """The first parameter by which the plant of `axis` is no longer ideal, "" if there is none."""
+        return "load.mass" if self.coupled else imperfect(self.axes[axis].parts)
+
+    def true_tcp(self, joints: ArrayLike) -> NDArray[np.float64]:
+        """Where the TCP truly is, (..., 3), m, with the sliders at `joints` (..., n), m. Raises UnreachableError."""
+        tcp = self.actual.forward(joints)
+        return self.tilt.displaced(tcp) if self.tilt.active else tcp
 
     def tcp_controller(self) -> TcpController:
         """A controller at the TCP for one run, where `tcp_control` asks for one. Raises InputError."""
@@ -249,7 +331,8 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
     kinematics = load_kinematics(name)
     sections: dict[str, Any] = {"": ControllerParameters, "geometry": kinematics.Geometry}
     sections |= {"program": ProgramParameters, "motion": MotionParameters, "graph": GraphParameters}
-    sections |= {"tcp_control": TcpControlParameters, **AXIS_SECTIONS}
+    sections |= {"tcp_control": TcpControlParameters, "plant": PlantParameters, "load": LoadParameters}
+    sections |= {**AXIS_SECTIONS, ACTUAL_TILT: TiltParameters}
     given = _by_section({key: value for key, value in values.items() if key != "machine"}, kinematics.axes, sections)
     common: dict[str, Any] = {
         section: read_section(kind, given.pop(section, {}), f"{section}." if section else "")
@@ -293,6 +376,9 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
         motion=motion,
         graph=graph,
         tcp_control=common["tcp_control"],
+        plant=common["plant"],
+        load=common["load"],
+        tilt=common[ACTUAL_TILT],
         axes=axes,
         parameters=_described(name, common, own),
     )

@@ -19,9 +19,9 @@ from pkm_cnc.check import CheckedProgram
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import ContourMonitor, SegmentSummary, in_position
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
-from pkm_cnc.kinematics import Machine, Motion, reached_rows
+from pkm_cnc.kinematics import Motion, reached_rows
 from pkm_cnc.motion import Interpolator, Segment
-from pkm_cnc.plant import AxisPlant
+from pkm_cnc.plant import AxisPlant, ImperfectAxis, PlatformLoad
 from pkm_cnc.program import Event, Program
 from pkm_cnc.records import (
     PHASE_END,
@@ -41,7 +41,7 @@ from pkm_cnc.status import Status, StatusReports
 from pkm_cnc.topics import RUN_END, STATUS, topics
 from pkm_cnc.visuals import Visuals
 
-__all__ = ["Cycle", "Sink", "make_plant", "simulate", "simulated_cycles"]
+__all__ = ["Cycle", "Sink", "make_load", "make_plant", "simulate", "simulated_cycles"]
 
 BLOCK = 512
 """Cycles computed together: enough to make the cost of an array call small, few enough to stay in the cache."""
@@ -80,11 +80,20 @@ class Cycle(NamedTuple):
     summaries: list[SegmentSummary]
 
 
-def make_plant(setup: Setup, axis: str) -> AxisPlant:
+def make_plant(setup: Setup, axis: str) -> AxisPlant | ImperfectAxis:
     """The plant of one axis, at rest at the start pose."""
-    parts = setup.axes[axis]
-    start = setup.machine.inverse(setup.start_pose)[list(setup.axes).index(axis)]
-    return AxisPlant(parts.drive, parts.screw, parts.scale, parts.travel, setup.servo_period, float(start))
+    parts, index = setup.axes[axis], list(setup.axes).index(axis)
+    joints = setup.machine.inverse(setup.start_pose)
+    start = float(joints[index])
+    if not setup.imperfect(axis):
+        return AxisPlant(parts.drive, parts.screw, parts.scale, parts.travel, setup.servo_period, start, axis)
+    load = make_load(setup).at_rest(joints.tolist())[index] if setup.coupled else 0.0
+    return ImperfectAxis(axis, parts.parts, setup.servo_period, setup.plant.steps, start, load)
+
+
+def make_load(setup: Setup) -> PlatformLoad:
+    """What all axes carry together."""
+    return PlatformLoad(setup.actual, setup.load.mass, setup.servo_period)
 
 
 def simulated_cycles(
@@ -116,10 +125,10 @@ def simulated_cycles(
         fault = fault or unreached
         read = [[state.position for state in row.states] for row in rows]
         sliders = [[state.slider_position for state in row.states] for row in rows]
-        believed, fault = _tcp(setup.machine, read, cycle, fault)
+        believed, fault = _tcp(setup.machine.forward, read, cycle, fault)
         true = believed
-        if sliders != read or setup.actual is not setup.machine:
-            true, fault = _tcp(setup.actual, sliders[: len(believed)], cycle, fault)
+        if sliders != read or setup.actual is not setup.machine or setup.tilt.active:
+            true, fault = _tcp(setup.true_tcp, sliders[: len(believed)], cycle, fault)
         for step, row, believed_point, true_point in zip(steps, rows, believed, true, strict=False):
             for segment in step.entered:
                 monitor.add_segment(*segment)
@@ -176,9 +185,10 @@ class _Panel:
         given: Sequence[Command] = self._give() if self._commands else ()
         if interpolator.waits_for_operator:
             line = interpolator.progress().line
-            raise MachineFault(
-                f"cycle {self._cycle}: line {line}: the run waits for the operator, who commands nothing"
+            next_one = (
+                f"whose next command is for cycle {self._commands[0][0]}" if self._commands else "who commands nothing"
             )
+            raise MachineFault(f"cycle {self._cycle}: line {line}: the run waits for the operator, {next_one}")
         setpoint = interpolator.step(in_position)
         events = interpolator.take_events()
         status = self._reports.after_setpoint(self._cycle, interpolator, setpoint, len(events))
@@ -213,12 +223,15 @@ def _axis_setpoints(
 
 
 def _tcp(
-    machine: Machine, joints: list[list[float]], first_cycle: int, fault: MachineFault | None
+    forward: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    joints: list[list[float]],
+    first_cycle: int,
+    fault: MachineFault | None,
 ) -> tuple[list[Vector], MachineFault | None]:
     """The TCP of rows of joints up to the first that has none, and that fault, or else the one that was before."""
     if not joints:
         return [], fault
-    reached, refusal = reached_rows(machine.forward, np.array(joints))
+    reached, refusal = reached_rows(forward, np.array(joints))
     points = [(x, y, z) for x, y, z in reached.tolist()]
     return points, fault if refusal is None else MachineFault(f"cycle {first_cycle + len(points)}: {refusal}")
 
@@ -246,7 +259,7 @@ class _TcpControl:
         """The corrections, or why there are none."""
         try:
             believed = _point(self._setup.machine.forward([state.position for state in states]))
-            true = _point(self._setup.actual.forward([state.slider_position for state in states]))
+            true = _point(self._setup.true_tcp([state.slider_position for state in states]))
             missing = (setpoint.x - true[0], setpoint.y - true[1], setpoint.z - true[2])
             tcp = TcpState(*believed, *true, *missing)
             return self._controller.step(setpoint, axis_setpoints, states, tcp), None
@@ -266,6 +279,7 @@ class _Axes:
         self._names = list(setup.axes)
         self._drives = [ServoDrive(parts.drive, setup.servo_period) for parts in setup.axes.values()]
         self._plants = [make_plant(setup, axis) for axis in setup.axes]
+        self._load = make_load(setup) if setup.coupled else None
         self.states = [plant.state for plant in self._plants]
         """Of the next cycle."""
 
@@ -280,12 +294,16 @@ class _Axes:
         rows: list[_AxesRow] = []
         for cycle, setpoints in enumerate(axis_setpoints, first_cycle):
             commands, following = [], []
-            for name, drive, plant, setpoint, state, correction in zip(
-                self._names, self._drives, self._plants, setpoints, self.states, corrections, strict=True
+            try:
+                loads = [0.0] * len(self._names) if self._load is None else self._load.step(self.states)
+            except UnreachableError as error:
+                return rows, MachineFault(f"cycle {cycle}: {error}")
+            for name, drive, plant, setpoint, state, correction, load in zip(
+                self._names, self._drives, self._plants, setpoints, self.states, corrections, loads, strict=True
             ):
                 try:
                     commands.append(drive.step(setpoint, state, correction))
-                    following.append(plant.step(commands[-1]))
+                    following.append(plant.step(commands[-1], load))
                 except MachineFault as error:
                     return rows, MachineFault(f"cycle {cycle}: {name}: {error}")
             rows.append(_AxesRow(setpoints, self.states, commands, following, corrections))

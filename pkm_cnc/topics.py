@@ -90,9 +90,12 @@ def nodes(axes: Sequence[str], tcp_control: bool = False) -> tuple[str, ...]:
     return (INTERPOLATOR, INVERSE_KINEMATICS, *controller, *drives, CONTOUR_MONITOR, RECORDER)
 
 
-def topics(axes: Sequence[str], tcp_control: bool = False) -> dict[str, Topic]:
-    """The topics of a machine with these axes, by name, in the order data flows; `tcp_control` as of `nodes`."""
-    servo, everyone = _servo_topics(axes, tcp_control), nodes(axes, tcp_control)
+def topics(axes: Sequence[str], tcp_control: bool = False, coupled: bool = False) -> dict[str, Topic]:
+    """The topics of a machine with these axes, by name, in the order data flows; `tcp_control` as of `nodes`.
+
+    `coupled`: every plant hears of all axes, because of what they carry together.
+    """
+    servo, everyone = _servo_topics(axes, tcp_control, coupled), nodes(axes, tcp_control)
     monitor = (CONTOUR_MONITOR, (RECORDER,))
     table = [
         Topic("run_info", _ours("RunInfo"), "", INTERPOLATOR, (RECORDER,)),
@@ -119,7 +122,7 @@ def recorded_topics(axes: Sequence[str], tcp_control: bool = False) -> list[Topi
     return [topic for topic in topics(axes, tcp_control).values() if topic.recorded]
 
 
-def _servo_topics(axes: Sequence[str], tcp_control: bool) -> Iterator[Topic]:
+def _servo_topics(axes: Sequence[str], tcp_control: bool, coupled: bool) -> Iterator[Topic]:
     def servo(name: str, record: type, publisher: str, *subscribers: str) -> Topic:
         typename = _ours(record.__name__)
         return Topic(name, typename, SERVO_FRAMES[typename], publisher, (*subscribers, RECORDER), record)
@@ -130,7 +133,8 @@ def _servo_topics(axes: Sequence[str], tcp_control: bool) -> Iterator[Topic]:
         drive, plant = f"{axis}/servo_drive", f"{axis}/plant"
         yield servo(f"{axis}/setpoint", records.AxisSetpoint, INVERSE_KINEMATICS, *controller, drive)
         yield servo(f"{axis}/command", records.AxisCommand, drive, plant)
-        yield servo(f"{axis}/actual", records.AxisState, plant, drive, *controller, CONTOUR_MONITOR)
+        others = [f"{other}/plant" for other in axes if coupled and other != axis]
+        yield servo(f"{axis}/actual", records.AxisState, plant, drive, *others, *controller, CONTOUR_MONITOR)
         if tcp_control:
             yield servo(f"{axis}/correction", records.AxisCorrection, TCP_CONTROLLER, drive)
     yield servo("tcp/state", records.TcpState, CONTOUR_MONITOR, *controller)

@@ -440,11 +440,10 @@ def star(machine, heading, *overrides):
     """Left and up (n, 2) and place (n,) on one line of 200 mm through 0 at 6000 mm/min over its middle half, m."""
     setup = load_setup(machine, (FIRST_ORDER, *overrides))
     program = Program("star.ngc", star_program(6000.0, [heading], (0.0, 0.0), 200.0))
-    toolpath = prepare(setup, program)
-    begin = toolpath.starts[-1]
-    errors = [
-        cycle.error for cycle in simulated_cycles(setup, toolpath) if cycle.error.segment == len(toolpath.starts) - 1
-    ]
+    checked = prepare(setup, program)
+    starts = checked.toolpath().starts
+    begin = starts[-1]
+    errors = [cycle.error for cycle in simulated_cycles(setup, checked) if cycle.error.segment == len(starts) - 1]
     rows = np.array([(error.left, error.up, error.path_length - begin - 0.1) for error in errors])
     rows = rows[np.abs(rows[:, 2]) <= 0.05]
     return rows[:, :2], rows[:, 2]

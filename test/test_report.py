@@ -53,13 +53,14 @@ def table(evaluation):
 def evaluated(text, cycles=None):
     """The evaluation of a simulated program, of its first `cycles` alone if that is given."""
     program = Program(name="test.ngc", text=text)
-    toolpath = prepare(SETUP, program)
+    checked = prepare(SETUP, program)
+    toolpath = checked.toolpath()
     monitor, errors, true = ContourMonitor(), [], []
-    for cycle in simulated_cycles(SETUP, toolpath):
+    for cycle in simulated_cycles(SETUP, checked):
         if cycle.cycle == cycles:
             break
-        for index in cycle.entered:
-            monitor.add_segment(index, toolpath.elements[index], toolpath.starts[index])
+        for segment in cycle.entered:
+            monitor.add_segment(*segment)
         point = (cycle.tcp.x, cycle.tcp.y, cycle.tcp.z)
         errors.append(monitor.step(cycle.setpoint, point, point)[1])
         true.append(point)

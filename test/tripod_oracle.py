@@ -62,7 +62,7 @@ def run(program: str, overrides: Sequence[str] = ()) -> tuple[Toolpath, list[Cyc
     """Simulate a part program's text on the default Tripod, from text to cycles."""
     setup = load_setup("tripod", overrides)
     source = Program("test.ngc", program)
-    toolpath = prepare(setup, source)
+    checked = prepare(setup, source)
     cycles: list[Cycle] = []
-    simulate(setup, source, toolpath, watch=cycles.append)
-    return toolpath, cycles
+    simulate(setup, source, checked, watch=cycles.append)
+    return checked.toolpath(), cycles

@@ -25,6 +25,7 @@ from pkm_cnc.contour.drive_based import (
     tcp_tracking_error,
     tcp_velocity,
 )
+from pkm_cnc.contour.instruments import ball_bar, straightedge
 from pkm_cnc.contour.monitor import ContourMonitor, in_position
 from pkm_cnc.contour.program_text import parse_numbers
 from pkm_cnc.contour.star_test import heading_deg, line_report, parse_headings, star_program
@@ -37,6 +38,7 @@ __all__ = [
     "SegmentStatistics",
     "SegmentSummary",
     "arc_report",
+    "ball_bar",
     "circle_pair_report",
     "circle_pairs",
     "circle_path",
@@ -58,6 +60,7 @@ __all__ = [
     "parse_headings",
     "parse_numbers",
     "star_program",
+    "straightedge",
     "tcp_tracking_error",
     "tcp_velocity",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc.config import Setup
+from pkm_cnc.errors import InputError
 from pkm_cnc.plant import AxisPlant
 from pkm_cnc.records import AxisSetpoint
 from pkm_cnc.servo import ServoDrive
@@ -51,7 +52,9 @@ def follow(
     parts = setup.axes[axis]
     drive = ServoDrive(parts.drive, setup.servo_period)
     travel = type(parts.travel)(minimum=-1e3, maximum=1e3)
-    plant = AxisPlant(parts.drive, parts.screw, parts.scale, travel, setup.servo_period, 0.0)
+    if by := setup.imperfect(axis):
+        raise InputError(f"{by}: the axis is not ideal by it, and this experiment is about the drive alone")
+    plant = AxisPlant(parts.drive, parts.screw, parts.scale, travel, setup.servo_period, 0.0, axis)
     inputs = np.broadcast_arrays(*np.atleast_1d(position, velocity, acceleration, ripple))
     rows = []
     for *setpoint, excess in np.stack(inputs, axis=-1).astype(float).tolist():

@@ -13,6 +13,7 @@ import numpy as np
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import CirclePath, circle_pair_report, circle_pairs, circle_program, circle_report, extrema
 from pkm_cnc.errors import InputError
+from pkm_cnc.experiments._as_measured import circles_as_measured
 from pkm_cnc.experiments._circles import DIRECTIONS, ORDERS, by_direction, harmonics, polar_panel
 from pkm_cnc.experiments._law import drift, kappa
 from pkm_cnc.experiments._machine import place, points, require_plane
@@ -49,6 +50,8 @@ class Options:
         above=0.0,
         maximum=359.0,
     )
+    as_measured: bool = parameter(False, "read by a ball bar, as in thesis 2.2.5")
+    repeats: int = parameter(5, "with --as-measured: runs of each circle", unit="runs", minimum=1, maximum=1000)
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,9 @@ class Circle:
 def _run(lab: Lab, options: Options) -> Findings:
     setup = lab.setup()
     require_plane(setup, "circle")
+    if options.as_measured:
+        centers = points(options.center)
+        return circles_as_measured(lab, centers, options.radii, options.feeds, options.overshoot, options.repeats)
     factor = kappa(setup)
     wanted = list(product(points(options.center), options.radii, options.feeds))
     circles = []

@@ -12,6 +12,7 @@ import numpy as np
 
 from pkm_cnc.config import Setup
 from pkm_cnc.contour import line_report, star_program
+from pkm_cnc.experiments._as_measured import star_as_measured
 from pkm_cnc.experiments._law import drift, kappa
 from pkm_cnc.experiments._machine import place, points, require_plane, resting
 from pkm_cnc.experiments._traces import Trace, plan_panel, traces_of
@@ -59,6 +60,11 @@ class Options:
         (0.0, 0.0, 50.0, 0.0, 0.0, 50.0), "point that all lines are centred on", unit="mm", any_length=True, each=2
     )
     length: float = parameter(200.0, "length of each line", unit="mm", above=0.0)
+    as_measured: bool = parameter(False, "read by a probe on a straightedge, as in thesis 6.4.1")
+    slow_feed: float = parameter(
+        600.0, "with --as-measured: of the run for what is not dynamic", unit="mm/min", above=0.0
+    )
+    repeats: int = parameter(5, "with --as-measured: runs of each star", unit="runs", minimum=1, maximum=1000)
 
 
 @dataclass(frozen=True)
@@ -96,6 +102,11 @@ class Star:
 def _run(lab: Lab, options: Options) -> Findings:
     setup = lab.setup(resting(lab.setup()))
     require_plane(setup, "star")
+    if options.as_measured:
+        headings, pivots = sorted(set(options.headings)), points(options.pivot)
+        return star_as_measured(
+            lab, headings, options.feeds, pivots, options.length, options.slow_feed, options.repeats
+        )
     factor = kappa(setup)
     wanted = [(pivot, feed) for pivot in points(options.pivot) for feed in options.feeds]
     stars = []

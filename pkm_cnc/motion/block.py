@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pkm_cnc.errors import MachineFault
-from pkm_cnc.motion.feed_profile import Cell, FeedProfile, speeds_squared
+from pkm_cnc.motion.feed_profile import Cell, FeedProfile, entry_squared, reachable_squared, speeds_squared
 from pkm_cnc.motion.limits import DriveLimits, MotionParameters
 from pkm_cnc.motion.path_limits import PieceEnd, PlannedCell, cells_of
 from pkm_cnc.motion.piece import Piece
@@ -141,16 +141,17 @@ class Block:
         nodes = [*(planned.node for planned in self.cells), self._end.node]
         if self._settings.taps > 1:
             nodes = self._extended(nodes)
-        if self._cut:  # what is ahead decides whether the TCP is too fast
+        cells = [planned.cell for planned in self.cells]
+        if min(self._slow) < 1.0:
+            cells = [
+                Cell(cell.length, cell.limit * slow, tuple([(r, h * slow) for r, h in cell.lines]))
+                for cell, slow in zip(cells, self._slow, strict=True)
+            ]
+            lowest = map(min, [1.0, *self._slow], [*self._slow, 1.0])
+            nodes = [node * slow for node, slow in zip(nodes, lowest, strict=True)]
+        if self._cut:  # what is ahead decides whether the TCP is too fast there
             nodes[0] = max(nodes[0], self._square)
-        if min(self._slow) == 1.0:
-            return [planned.cell for planned in self.cells], nodes
-        cells = [
-            Cell(cell.length, cell.limit * slow, tuple([(r, h * slow) for r, h in cell.lines]))
-            for (cell, *_), slow in zip(self.cells, self._slow, strict=True)
-        ]
-        lowest = map(min, [1.0, *self._slow], [*self._slow, 1.0])
-        return cells, [node * slow for node, slow in zip(nodes, lowest, strict=True)]
+        return cells, nodes
 
     def _extended(self, nodes: list[float]) -> list[float]:
         """Limits of w that the mean over `taps` cycles keeps: each reaches as far as the TCP goes in half that time."""
@@ -334,6 +335,11 @@ class Block:
         block._begin()
         return block
 
+    def slow_as(self, entered: Block) -> None:
+        """Take over by how much the limits ahead of a block entered later had to be lowered."""
+        count = len(entered._slow)
+        self._slow[-count:] = map(min, self._slow[-count:], entered._slow)
+
     def until(self, path: float) -> Block:
         """The same, but to rest at `path` (m), which lies ahead."""
         block = self.copy()
@@ -357,18 +363,25 @@ class Block:
                         yield begin + s
                     line = mark.line
 
-    def feasible(self) -> bool:
-        """Whether the limits ahead can be kept from the speed that is reached, jerk not considered."""
+    def reachable(self) -> list[float]:
+        """Largest w at the nodes, (m/s)^2, from which all limits ahead can be kept, jerk not considered."""
         cells, nodes = self._limits()
-        if cells[0].free and self._square > cells[0].limit:
-            return False
-        return speeds_squared(cells, nodes, self._square, 0.0)[1]
+        return reachable_squared(cells, nodes, 0.0)
+
+    def enterable(self, state: Sample, reachable: list[float]) -> bool:
+        """Whether `state` is slow enough to go on from there, by what is reachable at the nodes."""
+        index = max(min(bisect_right(self.starts, state.path) - 1, len(self.cells) - 1), 0)
+        cell, w, left = self.cells[index].cell, state.v * state.v, max(self.starts[index + 1] - state.path, 0.0)
+        if cell.free:
+            return w <= min(cell.limit * self._slow[index], entry_squared(cell.lines, left, reachable[index + 1]))
+        w0, w1 = reachable[index], reachable[index + 1]
+        return w <= w1 + min(left / cell.length, 1.0) * (w0 - w1)
 
     def braking(self, strength: float) -> list[Sample]:
         """The profile in the next cycles down to rest, with `strength` (up to 1) of what the limits allow.
 
         The acceleration of a cycle may be below that of n cycles before by what the jerk allows in n cycles; then the
-        mean keeps it. Empty if what is ahead is too short for that.
+        mean keeps it. Empty if that needs all that is ahead.
         """
         settings = self._settings
         period, most = settings.period, strength * settings.motion.acceleration
@@ -383,7 +396,7 @@ class Block:
             a = min(a, 0.0)
             v = max(state.v + a * period, 0.0)
             path = state.path + (0.5 * (state.v + v) * period if v > 0.0 else -0.5 * w / a)
-            if path > self.starts[-1]:
+            if path >= self.starts[-1] - ZERO_LENGTH:
                 return []
             samples.append(self._sample(path, v))
         found = [

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from pkm_cnc.tolerances import SPEED_ROUNDING
 
-__all__ = ["Cell", "FeedProfile", "speeds_squared"]
+__all__ = ["Cell", "FeedProfile", "entry_squared", "reachable_squared", "speeds_squared"]
 
 Phase = tuple[int, float, float, float, float]
 """Index of the cell, path length from the cell's start where the phase begins and where it ends, v0, a."""
@@ -47,16 +47,7 @@ def speeds_squared(cells: Sequence[Cell], nodes: Sequence[float], start: float, 
 
     `nodes` are limits of w at the ends of the cells; `start` and `end` w at both ends of the row.
     """
-    reachable = list(nodes)
-    reachable[-1] = min(reachable[-1], end)
-    for i in range(len(cells) - 1, -1, -1):
-        cell = cells[i]
-        step, w, bound = 2.0 * cell.length, reachable[i + 1], reachable[i]
-        for r, h in cell.lines:
-            slope = 1.0 - step * r
-            if slope > 0.0:
-                bound = min(bound, (w + step * h) / slope)
-        reachable[i] = bound
+    reachable = reachable_squared(cells, nodes, end)
     held = start <= reachable[0] * (1.0 + 1e-12)
     squares = [min(start, reachable[0])]
     for cell, bound in zip(cells, reachable[1:], strict=True):
@@ -64,6 +55,25 @@ def speeds_squared(cells: Sequence[Cell], nodes: Sequence[float], start: float, 
         a = min([h - r * w for r, h in cell.lines])
         squares.append(max(min(w + 2.0 * cell.length * a, bound), 0.0))
     return squares, held
+
+
+def reachable_squared(cells: Sequence[Cell], nodes: Sequence[float], end: float) -> list[float]:
+    """Largest w, (m/s)^2, at the ends of the cells from which `end` can be reached within the limits `nodes`."""
+    reachable = list(nodes)
+    reachable[-1] = min(reachable[-1], end)
+    for i in range(len(cells) - 1, -1, -1):
+        reachable[i] = min(reachable[i], entry_squared(cells[i].lines, cells[i].length, reachable[i + 1]))
+    return reachable
+
+
+def entry_squared(lines: Sequence[tuple[float, float]], length: float, end: float) -> float:
+    """Largest w, (m/s)^2, from which `end` is reached within `length` m of a cell with these lines."""
+    step, bound = 2.0 * length, math.inf
+    for r, h in lines:
+        slope = 1.0 - step * r
+        if slope > 0.0:
+            bound = min(bound, (end + step * h) / slope)
+    return bound
 
 
 class FeedProfile:

@@ -43,6 +43,8 @@ TRANSITION_ROUNDS = 12
 """Rounds of slowing down when a change is tried: what they do not heal lies in what is sent already."""
 REFINEMENTS = 20
 """Halvings of the last cycle's braking, so that it ends at the new feed: to a millionth of a cycle's."""
+ENTRIES = 4
+"""How often braking is made stronger because what follows had to be slowed down."""
 
 
 class Demand(NamedTuple):
@@ -243,19 +245,19 @@ class Move:
 
     def _entering(self, now: Block, block: Block) -> _Course | None:
         """To `block`, which has other limits: by braking as far as it wants that."""
-        if block.feasible():
-            plan = _attempt(block, self._ended)
-            return None if plan is None else self._course_of(block, plan)
         for strength in STRENGTHS:
-            braking = _braking_to(now, block, strength)
-            setpoints = now.setpoints_of(braking)
-            if not braking or max(now.excess(setpoints)) > 1.0 + LIMIT_EXCESS:
-                continue
-            entered = block.entered(braking, setpoints)
-            plan = _attempt(entered, self._ended)
-            following = None if plan is None else self._course_of(entered, plan)
-            if following is not None:
-                return _Course(now, Plan([], 0, braking, setpoints), len(braking), entered, following=following)
+            goal = block.copy()
+            for _ in range(ENTRIES):
+                braking = _braking_to(now, goal, strength)
+                setpoints = now.setpoints_of(braking or [])
+                if braking is None or (setpoints and max(now.excess(setpoints)) > 1.0 + LIMIT_EXCESS):
+                    break
+                entered = goal.entered(braking, setpoints)
+                plan = _attempt(entered, self._ended)
+                following = None if plan is None else self._course_of(entered, plan)
+                if following is not None:
+                    return _Course(now, Plan([], 0, braking, setpoints), len(braking), entered, following=following)
+                goal.slow_as(entered)
         return None
 
 
@@ -287,21 +289,20 @@ def _stopping(now: Block) -> _Course | None:
     return None
 
 
-def _braking_to(now: Block, block: Block, strength: float) -> list[Sample]:
-    """As few cycles of braking as entering `block` needs, the last one no stronger than needed; empty: it cannot."""
-    samples = now.braking(strength)
-
-    def enough(count: int) -> bool:
-        return block.entered(samples[:count], []).feasible()
-
-    count = bisect_left(range(1, len(samples) + 1), True, key=enough) + 1
-    if count > len(samples):
+def _braking_to(now: Block, block: Block, strength: float) -> list[Sample] | None:
+    """As few cycles of braking as entering `block` needs, the last one no stronger than needed; None: it cannot."""
+    reachable = block.reachable()
+    if block.enterable(now.history[-1], reachable):
         return []
+    samples = now.braking(strength)
+    count = bisect_left(samples, True, key=lambda sample: block.enterable(sample, reachable)) + 1
+    if count > len(samples):
+        return None
     before = samples[count - 2] if count > 1 else now.history[-1]
     low, high = samples[count - 1].v, before.v
     for _ in range(REFINEMENTS):
         v = 0.5 * (low + high)
-        if block.entered([*samples[: count - 1], now.slower(before, v)], []).feasible():
+        if block.enterable(now.slower(before, v), reachable):
             low = v
         else:
             high = v

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc import run_messages
 from pkm_cnc.contour import ContourMonitor, in_position
 from pkm_cnc.errors import MachineFault, UnreachableError
-from pkm_cnc.kinematics import Machine
 from pkm_cnc.messages import deserialize
 from pkm_cnc.nodes.graph_node import GraphNode
 from pkm_cnc.nodes.in_order import InOrder
@@ -66,8 +68,8 @@ class ContourMonitorNode(GraphNode):
         setpoint = TcpSetpoint(*inputs[0])
         states = [AxisState(*values) for values in inputs[1:]]
         try:
-            believed = _tcp(self.setup.machine, [state.position for state in states])
-            true = _tcp(self.setup.actual, [state.slider_position for state in states])
+            believed = _tcp(self.setup.machine.forward, [state.position for state in states])
+            true = _tcp(self.setup.true_tcp, [state.slider_position for state in states])
         except UnreachableError as unreachable:
             raise MachineFault(f"cycle {cycle}: {unreachable}") from None
         tcp, error = self._monitor.step(setpoint, believed, true)
@@ -89,8 +91,8 @@ class ContourMonitorNode(GraphNode):
             self.publish("contour_monitor/progress", cycle, (rests,))
 
 
-def _tcp(machine: Machine, joints: list[float]) -> Vector:
-    x, y, z = machine.forward(joints).tolist()
+def _tcp(forward: Callable[[ArrayLike], NDArray[Any]], joints: list[float]) -> Vector:
+    x, y, z = forward(joints).tolist()
     return x, y, z
 
 

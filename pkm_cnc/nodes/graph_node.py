@@ -125,7 +125,7 @@ class GraphNode(LifecycleNode):
             self.setup, self.run = read_parameters(self, self.changeable)
             self.axis = self._axis()
             self.full_name = f"{self.axis}/{self.get_name()}" if self.axis else self.get_name()
-            self.topics = topics(tuple(self.setup.axes), self.setup.tcp_control.active)
+            self.topics = topics(tuple(self.setup.axes), self.setup.tcp_control.active, self.setup.coupled)
             self.prepare()
         except PkmError as error:
             self.ended = End(0, self.full_name, str(error), error.exit_code)

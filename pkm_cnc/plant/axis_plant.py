@@ -3,6 +3,7 @@
 import math
 
 from pkm_cnc.errors import InputError, MachineFault
+from pkm_cnc.plant.linear_scale import LinearScale
 from pkm_cnc.plant.plant_parameters import ScaleParameters, ScrewParameters, TravelParameters
 from pkm_cnc.plant.velocity_loop import CascadeVelocityLoop, IdealVelocityLoop, VelocityLoop
 from pkm_cnc.records import STATUS_NORMAL, STATUS_TRAVEL_END, AxisCommand, AxisState
@@ -12,7 +13,7 @@ __all__ = ["AxisPlant"]
 
 
 class AxisPlant:
-    """The axis of one drive: integrates what is faster than the servo period (s), exactly.
+    """The ideal axis `name`: integrates what is faster than the servo period (s), exactly.
 
     It starts at rest at `start_position` (m). An end of travel is reported by the status and stops nothing.
     Raises InputError when `start_position` is not within the travel.
@@ -26,13 +27,14 @@ class AxisPlant:
         travel: TravelParameters,
         servo_period: float,
         start_position: float,
+        name: str = "",
     ) -> None:
         if not travel.minimum <= start_position <= travel.maximum:
             raise InputError(
                 f"start position {start_position * 1e3:.6g} mm is not within the travel of "
                 f"{travel.minimum * 1e3:.6g} to {travel.maximum * 1e3:.6g} mm (travel.minimum, travel.maximum)"
             )
-        self._resolution = scale.resolution
+        self._scale = LinearScale(scale, name)
         self._travel = travel
         self._torque_constant = drive.torque_constant
         self._loop: VelocityLoop
@@ -47,8 +49,8 @@ class AxisPlant:
         self.state = self._state(0.0, motor_at_rest, motor_at_rest)
         """The axis at the present instant t_k."""
 
-    def step(self, command: AxisCommand) -> AxisState:
-        """Hold `command` over [t_k, t_k+1) and return the state at t_k+1.
+    def step(self, command: AxisCommand, load: float = 0.0) -> AxisState:
+        """Hold `command` over [t_k, t_k+1) and return the state at t_k+1. A `load` is no matter of this axis.
 
         Raises MachineFault when the velocity command is not a finite number.
         """
@@ -66,7 +68,7 @@ class AxisPlant:
     def _state(self, slider_velocity: float, motor_speed: float, current: float) -> AxisState:
         position = self._position
         return AxisState(
-            self._reading(position),
+            self._scale.read(position),
             position,
             slider_velocity,
             motor_speed,
@@ -74,9 +76,3 @@ class AxisPlant:
             self._torque_constant * current,
             STATUS_NORMAL if self._travel.minimum < position < self._travel.maximum else STATUS_TRAVEL_END,
         )
-
-    def _reading(self, position: float) -> float:
-        """The nearest multiple of the scale's resolution, of two equally near ones the upper."""
-        if self._resolution == 0.0:
-            return position
-        return math.floor(position / self._resolution + 0.5) * self._resolution

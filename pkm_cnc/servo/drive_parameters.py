@@ -103,6 +103,22 @@ class DriveParameters:
         0.0087, "of motor, screw and slider together, at the motor's shaft", unit="kg m^2", above=0.0
     )
 
+    back_emf: float = parameter(
+        0.0,
+        "voltage per speed that the turning motor induces; eq. 7-1 has none. Of an ideal motor it is torque_constant",
+        unit="V s/rad",
+        minimum=0.0,
+    )
+    current_limit: float = parameter(0.0, "largest current command; 0 = none", unit="A", minimum=0.0)
+    voltage_limit: float = parameter(0.0, "largest voltage at the winding; 0 = none", unit="V", minimum=0.0)
+    dead_time: float = parameter(
+        0.0,
+        "by how much later than it is given a velocity command acts: transmission and computation in the drive",
+        unit="s",
+        minimum=0.0,
+        maximum=0.1,
+    )
+
     def __post_init__(self) -> None:
         if 0.0 < self.position_integral_time < SHORTEST_INTEGRAL_TIME:
             raise InputError(
