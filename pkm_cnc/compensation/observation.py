@@ -137,7 +137,7 @@ def _by_arrays(setup: Setup, toolpath: Toolpath) -> Observation:
         axis=1,
     )
     try:
-        believed, true = setup.machine.forward(actual), setup.actual.forward(actual)
+        believed, true = setup.machine.forward(actual), setup.true_tcp(actual)
     except UnreachableError as error:
         raise MachineFault(str(error)) from None
     count = moving
