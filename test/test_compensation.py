@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from pkm_cnc.array_path import respond
+from pkm_cnc.array_path import linear, respond
 from pkm_cnc.bag import BagWriter, read_run
 from pkm_cnc.check import prepare
 from pkm_cnc.compensation import METHODS, CompensationOptions, compensate
 from pkm_cnc.compensation.correction import Correction, Span, across
 from pkm_cnc.compensation.drive_inverse import drive_inverse
+from pkm_cnc.compensation.nominal import nominal
 from pkm_cnc.compensation.observation import judged, observe
 from pkm_cnc.config import load_setup
 from pkm_cnc.contour import circle_program, star_program
@@ -106,13 +107,23 @@ def test_what_is_predicted_from_a_bag(tmp_path):
 
 def test_a_machine_with_a_coarse_scale_is_run_step_by_step():
     coarse = load_setup("tripod", ["scale.resolution=20e-6"])
-    result = compensate(coarse, star(), options=CompensationOptions(iterations=2))
+    result = compensate(coarse, star(), model=coarse, options=CompensationOptions(iterations=2))
     assert result.after.largest < 0.7 * result.before.largest
 
 
 def test_damping_takes_its_part():
     result = compensate(TRIPOD, star(), options=CompensationOptions(iterations=1, gain=0.5))
     assert result.after.largest == pytest.approx(0.5 * result.before.largest, rel=0.02)
+
+
+def test_the_model_knows_what_the_controller_knows():
+    imperfect = load_setup("tripod_real")
+    known = nominal(imperfect)
+    linear(known)
+    assert known.actual is known.machine
+    changed = {key for key, (value, _) in imperfect.parameters.items() if known.parameters.get(key, ("",))[0] != value}
+    assert not {key for key in changed if key.startswith(("geometry", "motion", "limits", "drive.kv", "travel"))}
+    assert {"friction.coulomb", "screw.backlash", "actual.tilt.about_x", "u2.screw.stiffness", "scale.noise"} <= changed
 
 
 # the parts

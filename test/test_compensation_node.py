@@ -5,12 +5,34 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from running import command
 from std_srvs.srv import Trigger
 
+from pkm_cnc.bag import read_run
 from pkm_cnc.config import load_setup
+from pkm_cnc.evaluation import evaluate
 from pkm_cnc.nodes.compensation_preprocessor import CompensationPreprocessorNode
 from pkm_cnc.nodes.message_types import message_class
 from pkm_cnc.program import carried_original, read_program
+
+
+def test_the_graph_runs_the_file_as_the_simulation_does(tmp_path):
+    program, output = tmp_path / "a.ngc", tmp_path / "b.ngc"
+    program.write_text(TEXT)
+    ran, simulated = tmp_path / "ran", tmp_path / "simulated"
+    for arguments in (
+        ("compensate", program, "-o", output, "--iterations", "1"),
+        ("run", output, "--bag", ran),
+        ("simulate", output, "--bag", simulated),
+    ):
+        done = command(*arguments, "--machine", "tripod")
+        assert done.returncode == 0, done.stderr
+    one, other = read_run(ran), read_run(simulated)
+    assert one.servo.keys() == other.servo.keys()
+    assert all((one.servo[topic] == other.servo[topic]).all() for topic in one.servo)
+    assert [part.line for part in one.slow["toolpath/segment"]] == [2]  # the contour's, not the 100 that are run
+    assert evaluate(one).to_json() == evaluate(other).to_json()
+
 
 MACHINE = {key: value for key, (value, _) in load_setup("tripod").parameters.items()}
 TEXT = "G21 G90\nG1 X40 Y10 F6000\nM2\n"

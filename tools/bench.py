@@ -20,6 +20,7 @@ from pkm_cnc.array_path import respond
 from pkm_cnc.bag import BagWriter
 from pkm_cnc.bringup import prepare_environment, run_in_one_process, run_in_processes
 from pkm_cnc.check import prepare
+from pkm_cnc.compensation import CompensationOptions, compensate, observe
 from pkm_cnc.config import Setup, load_setup
 from pkm_cnc.contour import parse_headings, star_program
 from pkm_cnc.experiments import Lab, load_experiment
@@ -181,6 +182,14 @@ def print_motion(folder: Path) -> None:
         )
 
 
+def compensated(setup: Setup, program: Program) -> tuple[float, float]:
+    """Machine time that three passes of mirror looked at, and the wall time of the whole work."""
+    cycles = len(observe(setup, program).s)
+    started = time.perf_counter()
+    done = compensate(setup, program, options=CompensationOptions(iterations=3, until_um=0.0))
+    return len(done.passes) * cycles * setup.servo_period, time.perf_counter() - started
+
+
 def wall_of(name: str) -> float:
     """Wall time (s) of an experiment with its defaults."""
     experiment = load_experiment(name)
@@ -207,6 +216,8 @@ def main() -> None:
         print(
             f"array path:               {by_steps / by_arrays:6.1f} x as fast as the step loop, 200 lines", flush=True
         )
+        machine, wall = compensated(setup, minute)
+        print(f"compensate, per pass:     {machine / wall:6.2f} s of machine time a second   (aim 30)", flush=True)
         wall = wall_of("workspace-map")
         print(f"map of the workspace:     {wall:6.1f} s for 41 x 41 pivots, 24 headings   (aim 60)", flush=True)
         started = time.perf_counter()

@@ -32,7 +32,11 @@ def add_parser(subparsers: Any) -> None:
         metavar=("model|bag", "BAG"),
         help="where the errors come from: model, or bag BAG... (runs of PROGRAM, averaged) (model)",
     )
-    parser.add_argument("--model", metavar="FILE", help="machine file of the model, e.g. an identified one (--machine)")
+    parser.add_argument(
+        "--model",
+        metavar="FILE",
+        help="machine file of the model, e.g. an identified one (what the controller knows of --machine)",
+    )
     add_options(parser, CompensationOptions, "options")
     parser.set_defaults(action=_compensate)
 

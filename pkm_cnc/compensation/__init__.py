@@ -4,7 +4,7 @@
 """
 
 from pkm_cnc.compensation.methods import METHODS
-from pkm_cnc.compensation.observation import ErrorFigures
+from pkm_cnc.compensation.observation import ErrorFigures, observe
 from pkm_cnc.compensation.preprocessor import Compensated, CompensationOptions, Pass, compensate
 
-__all__ = ["METHODS", "Compensated", "CompensationOptions", "ErrorFigures", "Pass", "compensate"]
+__all__ = ["METHODS", "Compensated", "CompensationOptions", "ErrorFigures", "Pass", "compensate", "observe"]

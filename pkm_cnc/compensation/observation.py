@@ -21,7 +21,16 @@ from pkm_cnc.program import Program, ProgramSource, Toolpath
 from pkm_cnc.records import ContourError, TcpSetpoint, Vector
 from pkm_cnc.simulation import simulated_cycles
 
-__all__ = ["ErrorFigures", "Observation", "judged", "observe", "recorded", "setpoints_of", "toolpath_of"]
+__all__ = [
+    "ErrorFigures",
+    "Observation",
+    "check_machine",
+    "judged",
+    "observe",
+    "recorded",
+    "setpoints_of",
+    "toolpath_of",
+]
 
 Array = NDArray[np.float64]
 
@@ -44,12 +53,14 @@ class ErrorFigures:
 class Observation:
     """A run cycle by cycle (n cycles, m axes), SI, `base_link`.
 
-    `s` is the setpoint's path length on the contour, `setpoint` (n, 3) the TCP it asks for, `joints` and `actual`
-    (n, m) the drives' setpoints and their positions as measured; `errors` are the contour errors of the true TCP.
+    `s` is the setpoint's path length on the contour, `reached` the part of the programmed feed that it has, `segment`
+    the contour's element that it is on, `setpoint` (n, 3) the TCP it asks for, `joints` and `actual` (n, m) the drives'
+    setpoints and their positions as measured; `errors` are the contour errors of the true TCP.
     """
 
     s: Array
-    speed: Array
+    reached: Array
+    segment: NDArray[np.int64]
     setpoint: Array
     joints: Array
     actual: Array
@@ -126,7 +137,7 @@ def _by_arrays(setup: Setup, toolpath: Toolpath) -> Observation:
         axis=1,
     )
     try:
-        believed, true = setup.machine.forward(actual), setup.actual.forward(actual)
+        believed, true = setup.machine.forward(actual), setup.true_tcp(actual)
     except UnreachableError as error:
         raise MachineFault(str(error)) from None
     count = moving
@@ -152,9 +163,10 @@ def _by_steps(setup: Setup, program: Program) -> Observation:
 
 
 def _observation(setpoints: list[TcpSetpoint], joints: Array, actual: Array, errors: list[ContourError]) -> Observation:
-    table = np.array([(setpoint.path_length, *setpoint[:6]) for setpoint in setpoints])
+    table = np.array([(setpoint.path_length, *setpoint[:6], setpoint.feed) for setpoint in setpoints])
     speed = np.sqrt((table[:, 4:7] ** 2).sum(axis=1))
-    return Observation(table[:, 0], speed, table[:, 1:4], joints, actual, errors)
+    segment = np.array([setpoint.segment for setpoint in setpoints])
+    return Observation(table[:, 0], speed / table[:, 7], segment, table[:, 1:4], joints, actual, errors)
 
 
 def _tracker(contour: Toolpath) -> ContourTracker:
@@ -170,7 +182,7 @@ def _vector(row: list[float] | Array) -> Vector:
 
 
 SAME_SETPOINTS = ("machine", "servo_period", "start_pose", "program_zero", "geometry", "motion", "program", "limits")
-"""Parameters that decide the setpoints: a bag counts if it agrees with the machine in these."""
+"""Parameters that decide the setpoints: a bag counts, and a model, if it agrees with the machine in these."""
 
 
 def recorded(run: Run, setup: Setup, program_text: str) -> Observation:
@@ -183,14 +195,15 @@ def recorded(run: Run, setup: Setup, program_text: str) -> Observation:
         raise InputError(f"{name}: the run did not complete ({reason}): its errors are not those of the whole contour")
     if info.program != program_text:
         raise InputError(f"{name}: it is of another part program ({info.program_name}): record a run of this one")
-    _check_machine(name, setup_of(run), setup)
+    check_machine(name, setup_of(run), setup)
     cycles = run.cycles()
     rows = run.servo["tcp/setpoint"][:cycles]
     velocity = np.stack([rows[key] for key in _keys(rows, "velocity")], axis=1)
     axes = [*setup.axes]
     return Observation(
         np.array(rows["path_length"]),
-        np.sqrt((velocity**2).sum(axis=1)),
+        np.sqrt((velocity**2).sum(axis=1)) / rows["feed"],
+        np.array(rows["segment"], dtype=np.int64),
         np.stack([rows[key] for key in _keys(rows, "position")], axis=1),
         np.stack([run.servo[f"{axis}/setpoint"][:cycles]["position"] for axis in axes], axis=1),
         np.stack([run.servo[f"{axis}/actual"][:cycles]["position"] for axis in axes], axis=1),
@@ -202,9 +215,10 @@ def _keys(rows: NDArray[np.void], prefix: str) -> list[str]:
     return [name for name in rows.dtype.names or () if name.startswith(f"{prefix}.")]
 
 
-def _check_machine(name: str, recorded_by: Setup, setup: Setup) -> None:
+def check_machine(name: str, recorded_by: Setup, setup: Setup) -> None:
+    """Raise InputError, calling it `name`, for a setup whose controller would give other setpoints than `setup`."""
     ours, theirs = ({key: value for key, (value, _) in one.parameters.items()} for one in (setup, recorded_by))
-    for key in sorted({*ours, *theirs}):
+    for key in sorted({*ours, *theirs}, key=lambda key: (key != "machine", key)):
         sections = key.split(".")
         decides = sections[0] in SAME_SETPOINTS or (len(sections) > 2 and sections[1] in SAME_SETPOINTS)
         if decides and sections[0] != "actual" and ours.get(key) != theirs.get(key):

@@ -10,15 +10,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pkm_cnc.bag import Run
 from pkm_cnc.check import prepare
 from pkm_cnc.compensation.correction import Correction, across, spans_of
 from pkm_cnc.compensation.methods import METHODS, Method, Situation
+from pkm_cnc.compensation.nominal import nominal
 from pkm_cnc.compensation.observation import (
     ErrorFigures,
     Observation,
+    check_machine,
     judged,
     observe,
     recorded,
@@ -31,11 +32,8 @@ from pkm_cnc.contour import ContourTracker
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
 from pkm_cnc.parameters import parameter
 from pkm_cnc.program import Program, Toolpath, carried_original
-from pkm_cnc.records import TcpSetpoint
 
 __all__ = ["Compensated", "CompensationOptions", "Pass", "compensate"]
-
-Array = NDArray[np.float64]
 
 SLOWER = 0.005
 """1. A compensated program may be slower than the original by this part of its feed before it is refused: the error
@@ -117,29 +115,18 @@ def compensate(
 ) -> Compensated:
     """The compensated program for a machine as its controller knows it (`setup`).
 
-    The errors are those of runs of `model` (default: `setup`) or, where `bags` are given, those recorded there, taken
-    together. A program that is compensated already is compensated further. Raises InputError for what cannot be
-    compensated, with the reason.
+    The errors are those of runs of `model` (default: `setup` as its controller knows it) or, where `bags` are given,
+    those recorded there, taken together. A program that is compensated already is compensated further. Raises
+    InputError for what cannot be compensated, with the reason.
     """
-    work = _Work(setup, program, METHODS[method], model or setup, options or CompensationOptions())
+    work = _Work(setup, program, METHODS[method], model or nominal(setup), options or CompensationOptions())
     if model is not None:
-        _check_model(setup, model)
+        check_machine("--model", model, setup)
     if bags:
         if not work.method.learns:
             raise InputError(f"--method {method} does not look at errors: it has no use for a bag")
         return work.from_bags([recorded(bag, setup, program.text) for bag in bags], method)
     return work.from_model(method)
-
-
-def _check_model(setup: Setup, model: Setup) -> None:
-    for name, ours, theirs in (
-        ("machine", setup.machine_name, model.machine_name),
-        ("servo_period", setup.servo_period, model.servo_period),
-        ("start_pose", setup.start_pose, model.start_pose),
-        ("program_zero", setup.program_zero, model.program_zero),
-    ):
-        if ours != theirs:
-            raise InputError(f"--model: it is of another machine: {name} is {theirs} there and {ours} here")
 
 
 class _Work:
@@ -159,10 +146,10 @@ class _Work:
         self.correction = self._carried()
 
     def from_model(self, name: str) -> Compensated:
-        run = self._run(self.given)
+        run = first = self._run(self.given)
         before = judged(run.errors, self.contour)
         correction, done = self.correction, []
-        best: tuple[float, Program] | None = None
+        best: tuple[float, Program, Observation] | None = None
         for _ in range(self.options.iterations if self.method.learns else 1):
             correction = self.method.learn(self._situation(correction, [run]))
             program = self._written(correction, f"by {name} from the model")
@@ -171,7 +158,7 @@ class _Work:
             size = done[-1].figures.largest
             last = done[-2].figures.largest if len(done) > 1 else before.largest
             if best is None or size < best[0]:
-                best = (size, program)
+                best = (size, program, run)
             if not abs(last - size) > self.options.until_um * 1e-6 or size > 2.0 * last:
                 break
         assert best is not None
@@ -181,7 +168,7 @@ class _Work:
                 f"{before.largest * 1e6:.4g} um: a smaller gain or a lower feed helps"
             )
         chosen = next(place for place, one in enumerate(done) if one.figures.largest == best[0])
-        return Compensated(best[1], self._checked(best[1]), before, tuple(done), chosen)
+        return Compensated(best[1], self._checked(best[1], first, best[2]), before, tuple(done), chosen)
 
     def from_bags(self, runs: list[Observation], name: str) -> Compensated:
         """One pass; predicted is what the model says of the change, added to what the bags hold."""
@@ -189,12 +176,13 @@ class _Work:
         before = judged(errors, self.contour)
         correction = self.method.learn(self._situation(self.correction, runs))
         program = self._written(correction, f"by {name} from bags: {len(runs)}")
-        figures = self._predicted(runs, program)
-        return Compensated(program, self._checked(program), before, (Pass(correction.size(), figures),), 0)
-
-    def _predicted(self, runs: list[Observation], program: Program) -> ErrorFigures:
-        """The errors of the bags with the change that the model makes of the one program for the other."""
         old, new = self._run(self.given), self._run(program)
+        figures = self._predicted(runs, old, new)
+        toolpath = self._checked(program, old, new)
+        return Compensated(program, toolpath, before, (Pass(correction.size(), figures),), 0)
+
+    def _predicted(self, runs: list[Observation], old: Observation, new: Observation) -> ErrorFigures:
+        """The errors of the bags with the change that the model makes of the one program for the other."""
         change = Correction.fitted(self.spans, *new.error_vectors()).plus(
             Correction.fitted(self.spans, *old.error_vectors()), -1.0
         )
@@ -248,33 +236,19 @@ class _Work:
         places = np.array([error.path_length for error in errors])
         return Correction.fitted(self.spans, places, vectors, faded=True)
 
-    def _checked(self, program: Program) -> Toolpath:
-        """The toolpath, checked like any other, and not slower than the original."""
+    def _checked(self, program: Program, before: Observation, after: Observation) -> Toolpath:
+        """The toolpath, checked like any other, and where the correction is full not slower than the original."""
         try:
             prepare(self.setup, program)
         except InputError as error:
             raise InputError(f"compensated, {error}") from None
-        toolpath = toolpath_of(self.setup, program)
-        self._refuse_slower(toolpath)
-        return toolpath
-
-    def _refuse_slower(self, toolpath: Toolpath) -> None:
-        """Where the correction is full and the original has its feed, the compensated program must have it too."""
-        before, after = (setpoints_of(self.setup, path) for path in (self.toolpath, toolpath))
-        places, reached = _along(before)
-        steady = self.correction.settled(places) & (reached >= 1.0 - SLOWER)
-        lost = np.where(steady, reached - np.interp(places, *_along(after)), 0.0)
+        steady = self.correction.settled(before.s) & (before.reached >= 1.0 - SLOWER)
+        lost = np.where(steady, before.reached - np.interp(before.s, after.s, after.reached), 0.0)
         row = int(np.argmax(lost))
         if lost[row] > SLOWER:
-            line = self.contour.elements[before[row].segment].line
+            line = self.contour.elements[before.segment[row]].line
             raise InputError(
                 f"{self.given.name}:{line}: compensated, the tool would have to slow down by {lost[row] * 100.0:.3g} % "
                 "of its feed to keep the limits of TCP and drives (motion, limits): a lower feed leaves them room"
             )
-
-
-def _along(setpoints: list[TcpSetpoint]) -> tuple[Array, Array]:
-    """Path lengths on the contour, m, and the part of the feed that is reached there."""
-    rows = [(one.path_length, one.vx, one.vy, one.vz, one.feed) for one in setpoints]
-    places, vx, vy, vz, feeds = np.array(rows).T
-    return places, np.sqrt(vx * vx + vy * vy + vz * vz) / feeds
+        return toolpath_of(self.setup, program)

@@ -25,7 +25,8 @@ __all__ = ["DECIMALS", "compensated_program"]
 Array = NDArray[np.float64]
 
 DECIMALS = 7
-"""Of a mm: rounding by 0.05 nm at most. Six (0.5 nm) show in what a third pass leaves of a circle (2 nm)."""
+"""Of a mm: rounding by 0.05 nm at most. What a third pass leaves of a circle R 100 at 9000 mm/min, 0.79 nm, is 0.82 nm
+with six, 4.6 nm with five, 53 nm with four."""
 FEED_DECIMALS = 4
 """Of a mm/min: 1e-8 of usual feeds."""
 SHORTEST = 2e-5
