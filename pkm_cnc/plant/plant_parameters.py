@@ -120,7 +120,7 @@ class FrictionParameters:
 class DisturbanceParameters:
     """Section `disturbance.*`: torques at the motor that nothing commands."""
 
-    torque: float = parameter(0.0, "constant torque", unit="N m")
+    torque: float = parameter(0.0, "constant torque", unit="N m", minimum=-1e4, maximum=1e4)
     cogging: float = parameter(
         0.0, "amplitude of a torque that is periodic in the motor's angle", unit="N m", minimum=0.0
     )
