@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from motion import PERIOD, arc, line, polyline, used
 
@@ -90,6 +90,11 @@ TURNS = st.lists(st.floats(-0.7, 0.7), min_size=1, max_size=8)
     st.sampled_from([0.03, 0.15]),
     st.sampled_from([PathMode("G61"), PathMode("G64", 5e-5)]),
     SCRIPTS,
+)
+@example(0, [0.0], 0.002, 0.03, PathMode("G61"), [(68, Command(CMD_HOLD))])  # braking ends with the motion
+@example(3, [0.0, 0.5, -0.25], 0.002, 0.15, PathMode("G61"), [(97, Command(CMD_FEED_OVERRIDE, 0.0))])  # too late for it
+@example(
+    3, [0.0], 0.006, 0.05, PathMode("G61"), [(0, Command(CMD_SINGLE_BLOCK, 1.0)), (9, Command(CMD_FEED_OVERRIDE, 0.1))]
 )
 def test_whatever_is_commanded_limits_path_and_end_are_kept(
     machine: int,
