@@ -4,7 +4,18 @@
 """
 
 from pkm_cnc.compensation.methods import METHODS
-from pkm_cnc.compensation.observation import ErrorFigures, observe
+from pkm_cnc.compensation.nominal import nominal
+from pkm_cnc.compensation.observation import ErrorFigures, judged, observe
 from pkm_cnc.compensation.preprocessor import Compensated, CompensationOptions, Pass, compensate
 
-__all__ = ["METHODS", "Compensated", "CompensationOptions", "ErrorFigures", "Pass", "compensate", "observe"]
+__all__ = [
+    "METHODS",
+    "Compensated",
+    "CompensationOptions",
+    "ErrorFigures",
+    "Pass",
+    "compensate",
+    "judged",
+    "nominal",
+    "observe",
+]
