@@ -261,3 +261,14 @@ def test_options_are_bounded():
         spec = next(spec for spec in parameters_of(CompensationOptions) if spec.name == name)
         with pytest.raises(InputError):
             spec.check(value, name)
+
+
+def test_a_span_holds_samples_at_its_very_ends():
+    """Also where begin + intervals * step is rounded to less than its end."""
+    rng = np.random.default_rng(1)
+    for begin, length in rng.uniform(0.001, 0.4, (200, 2)).tolist():
+        span = Span(begin, begin + length, 97, 0.1 * length)
+        places = np.linspace(span.begin, span.end, 500)
+        places[-1] = span.end
+        fitted = Correction.fitted((span,), places, np.ones((500, 3)) * 1e-6)
+        assert fitted.size() == pytest.approx(1e-6, rel=0.05)

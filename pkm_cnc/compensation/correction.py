@@ -52,7 +52,9 @@ class Span:
 
     def knots(self) -> Array:
         """All knots (intervals + 7,), m, three of them before `begin` and behind `end`."""
-        return self.begin + self.step * np.arange(-DEGREE, self.intervals + DEGREE + 1, dtype=np.float64)
+        knots = self.begin + self.step * np.arange(-DEGREE, self.intervals + DEGREE + 1, dtype=np.float64)
+        knots[-DEGREE - 1] = self.end  # rounding must not leave the last sample outside
+        return knots
 
     def weights(self) -> Array:
         """How much of each coefficient (intervals + 3,) is kept: 1, and 0 for the three at either end."""
