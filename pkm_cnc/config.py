@@ -365,8 +365,8 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
     if abs(period - controller.servo_period * NANOSECONDS) > 1e-3:  # ns; decimals read as a double miss it by less
         raise InputError(f"servo_period: {controller.servo_period} s is not a whole number of nanoseconds")
     refuse_long_ramp("motion", motion)
-    for axis, parts in axes.items():
-        refuse_long_ramp(f"{axis}.limits", parts.limits)
+    for axis, axis_setup in axes.items():
+        refuse_long_ramp(f"{axis}.limits", axis_setup.limits)
     setup = Setup(
         machine_name=name,
         kinematics=nominal,

@@ -116,9 +116,10 @@ class LimitParameters:
 def refuse_long_ramp(section: str, limits: MotionParameters | LimitParameters) -> None:
     """Raises InputError if the jerk of a section would take longer than LONGEST_RAMP to reach its acceleration."""
     if limits.jerk * LONGEST_RAMP < limits.acceleration and limits.jerk > 0.0:
+        least = limits.acceleration / LONGEST_RAMP
         raise InputError(
             f"{section}.jerk: {limits.jerk:g} m/s^3 takes more than {LONGEST_RAMP:g} s to reach "
-            f"{section}.acceleration, {limits.acceleration:g} m/s^2; at least {limits.acceleration / LONGEST_RAMP:g} m/s^3, or 0 = any"
+            f"{section}.acceleration, {limits.acceleration:g} m/s^2; at least {least:g} m/s^3, or 0 = any"
         )
 
 
