@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics import Machine, in_space, load_kinematics
-from pkm_cnc.motion import DriveLimits, LimitParameters, MotionParameters
+from pkm_cnc.motion import DriveLimits, LimitParameters, MotionParameters, refuse_long_ramp
 from pkm_cnc.parameters import Parameter, Value, parameter, parameters_of, read_section
 from pkm_cnc.plant import (
     AxisParts,
@@ -364,6 +364,9 @@ def setup_from_parameters(values: Mapping[str, object]) -> Setup:
     period = round(controller.servo_period * NANOSECONDS)
     if abs(period - controller.servo_period * NANOSECONDS) > 1e-3:  # ns; decimals read as a double miss it by less
         raise InputError(f"servo_period: {controller.servo_period} s is not a whole number of nanoseconds")
+    refuse_long_ramp("motion", motion)
+    for axis, axis_setup in axes.items():
+        refuse_long_ramp(f"{axis}.limits", axis_setup.limits)
     setup = Setup(
         machine_name=name,
         kinematics=nominal,

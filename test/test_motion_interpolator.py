@@ -15,7 +15,18 @@ from pkm_cnc.errors import InputError, MachineFault
 from pkm_cnc.motion import Interpolator, MotionParameters
 from pkm_cnc.parameters import parameters_of, read_section
 from pkm_cnc.program import Arc, Line, Toolpath
-from pkm_cnc.records import PHASE_END, PHASE_HOLD, PHASE_MOVE, TcpSetpoint, Vector
+from pkm_cnc.records import (
+    CMD_ABORT,
+    CMD_FEED_OVERRIDE,
+    CMD_RESET,
+    CMD_START,
+    PHASE_END,
+    PHASE_HOLD,
+    PHASE_MOVE,
+    Command,
+    TcpSetpoint,
+    Vector,
+)
 
 PERIOD = 0.001
 PARAMETERS = MotionParameters()
@@ -283,6 +294,44 @@ def test_never_in_position_is_a_fault_naming_line_tolerance_and_time() -> None:
     assert "\n" not in str(caught.value)
     with pytest.raises(RuntimeError, match="after a fault"):
         interpolator.step()
+
+
+def begin_anew(interpolator: Interpolator) -> None:
+    """Where the TCP rests."""
+    for kind in (CMD_ABORT, CMD_RESET, CMD_START):
+        assert interpolator.command(Command(kind, 0.0)) == ""
+
+
+def test_a_run_aborted_while_it_waits_to_be_in_position_begins_anew() -> None:
+    interpolator = Interpolator(toolpath(line((0.0, 0.0, 0.0), (0.01, 0.0, 0.0))), PARAMETERS, PERIOD, attended=True)
+    interpolator.command(Command(CMD_START, 0.0))
+    while not interpolator.needs_feedback:
+        interpolator.step()
+    interpolator.step(False)
+    begin_anew(interpolator)
+    while not interpolator.finished:
+        last = interpolator.step()
+    assert last[:3] == (0.01, 0.0, 0.0)
+
+
+def test_an_override_of_zero_does_not_outlive_the_run_it_stopped() -> None:
+    """What leads back to the beginning is a rapid: the feed override that the aborted motion waited for is not its."""
+    path = toolpath(line((0.0, 0.0, 0.0), (0.01, 0.0, 0.0)))
+    interpolator = Interpolator(path, PARAMETERS, PERIOD, attended=True)
+    interpolator.command(Command(CMD_START, 0.0))
+    for _ in range(50):
+        interpolator.step()
+    interpolator.command(Command(CMD_FEED_OVERRIDE, 0.0))
+    while not interpolator.waits_for_operator:
+        interpolator.step()
+    begin_anew(interpolator)
+    while not interpolator.waits_for_operator:
+        last = interpolator.step()
+    assert last[:3] == (0.0, 0.0, 0.0)
+    interpolator.command(Command(CMD_FEED_OVERRIDE, 1.0))
+    while not interpolator.finished:
+        last = interpolator.step()
+    assert last[:3] == (0.01, 0.0, 0.0)
 
 
 def test_the_section_motion_reads_and_refuses() -> None:

@@ -9,7 +9,7 @@ needs them; `pieces` is what the TCP is sent along. `Operator` is what an operat
 from pkm_cnc.motion.blending import pieces
 from pkm_cnc.motion.feed_profile import Cell, FeedProfile, speeds_squared
 from pkm_cnc.motion.interpolator import Interpolator, Progress, Source
-from pkm_cnc.motion.limits import DriveLimits, LimitParameters, MotionParameters
+from pkm_cnc.motion.limits import DriveLimits, LimitParameters, MotionParameters, refuse_long_ramp
 from pkm_cnc.motion.operator import Operator
 from pkm_cnc.motion.piece import Curve, Piece, Shape
 from pkm_cnc.motion.planner import Planner
@@ -31,5 +31,6 @@ __all__ = [
     "Shape",
     "Source",
     "pieces",
+    "refuse_long_ramp",
     "speeds_squared",
 ]

@@ -81,6 +81,7 @@ class Interpolator:
     needs_feedback: bool
     finished: bool
     _segment: Segment  # that of the last setpoint
+    _rests: bool | None  # at rest within a motion: whether that is a rapid
 
     def __init__(
         self,
@@ -93,7 +94,6 @@ class Interpolator:
         optional_stop: bool = False,
         check: Callable[[Element], None] | None = None,
     ) -> None:
-        self.needs_feedback = False
         self.finished = False
         self._source = source
         self._parameters = parameters
@@ -104,7 +104,6 @@ class Interpolator:
         self._planner = Planner(parameters, drives, servo_period)
         self._operator = Operator(STATE_READY if attended else STATE_RUNNING)
         self._changed = False  # the operator's wishes since the motion was planned
-        self._rests: bool | None = None  # within a motion: whether that is a rapid
         self._standing = True
         self._last: TcpSetpoint | None = None
         self._segments: list[Segment] = []
@@ -113,6 +112,7 @@ class Interpolator:
 
     def _begin(self, rapid: Element | None) -> None:
         """Run the source from its first item on, after `rapid`."""
+        self.needs_feedback, self._rests = False, None  # whatever an abort has cut off
         self._totals = dataclasses.replace(self._source.totals)
         self._passed = Totals()
         index, path_length = 0, 0.0

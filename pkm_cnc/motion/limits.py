@@ -9,9 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pkm_cnc.errors import InputError
 from pkm_cnc.parameters import parameter
 
-__all__ = ["ANY_DRIVES", "DriveLimits", "LimitParameters", "MotionParameters"]
+__all__ = ["ANY_DRIVES", "DriveLimits", "LimitParameters", "MotionParameters", "refuse_long_ramp"]
+
+LONGEST_RAMP = 10.0
+"""s. A motion is smoothed over acceleration / jerk, which nobody wants longer and no memory holds without a bound."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,6 +111,16 @@ class LimitParameters:
         unit="m/s^3",
         minimum=0.0,
     )
+
+
+def refuse_long_ramp(section: str, limits: MotionParameters | LimitParameters) -> None:
+    """Raises InputError if the jerk of a section would take longer than LONGEST_RAMP to reach its acceleration."""
+    if limits.jerk * LONGEST_RAMP < limits.acceleration and limits.jerk > 0.0:
+        least = limits.acceleration / LONGEST_RAMP
+        raise InputError(
+            f"{section}.jerk: {limits.jerk:g} m/s^3 takes more than {LONGEST_RAMP:g} s to reach "
+            f"{section}.acceleration, {limits.acceleration:g} m/s^2; at least {least:g} m/s^3, or 0 = any"
+        )
 
 
 @dataclasses.dataclass(frozen=True)
