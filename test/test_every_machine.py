@@ -30,7 +30,7 @@ def forty_digits():
         yield
 
 
-NAMES = sorted(machine_files())
+NAMES = sorted(name for name in machine_files() if load_setup(name).machine_name == name)
 KEPT = {"monopod": {"start_u", "strut_length_error"}}
 """Geometry that is not varied: what follows from the rest."""
 
@@ -154,7 +154,7 @@ def largest(differences):
 
 
 def test_every_machine_of_the_package_has_its_chain():
-    assert set(NAMES) <= set(CHAINS)
+    assert {load_setup(name).machine_name for name in machine_files()} == set(NAMES) <= set(CHAINS)
 
 
 def test_inverse_and_derivatives_are_those_of_the_vector_chain(machine):

@@ -81,7 +81,7 @@ def test_every_machine_has_its_launch_file():
 def test_arguments(described, machine):
     parts = described(machine)["DeclareLaunchArgument"]
     defaults = {part.arguments[0]: part.keywords.get("default_value") for part in parts}
-    assert load_setup(defaults.pop("parameters")).machine_name == machine
+    assert load_setup(defaults.pop("parameters")).to_yaml() == load_setup(machine).to_yaml()
     neutral = {"pacing": "fast", "attended": "false", "from_line": "0"}
     assert defaults == {"program": None, "bag": None, **neutral}
     assert all(part.keywords["description"] for part in parts)
