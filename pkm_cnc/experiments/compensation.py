@@ -62,7 +62,7 @@ class Options:
     """What is run."""
 
     feed: float = parameter(
-        6000.0, "of star, square and plate; the circle is run at half of it", unit="mm/min", above=0.0
+        6000.0, "of star and square; half of it of the circle, a quarter of it of the plate", unit="mm/min", above=0.0
     )
     passes: int = parameter(
         5, "runs that are learnt from, of the methods that use bags", unit="1", minimum=1, maximum=50
@@ -204,7 +204,7 @@ def _programs(setup: Setup, feed: float) -> dict[str, str]:
         acceleration_mm_s2=setup.motion.acceleration * 1e3,
     )
     star = star_program(feed, [0.0, 15.0, 45.0, 75.0], (0.0, 0.0), 100.0)
-    return {"star": star, "circle": circle, "square": SQUARE.format(feed=feed), "plate": PLATE.format(feed=feed)}
+    return {"star": star, "circle": circle, "square": SQUARE.format(feed=feed), "plate": PLATE.format(feed=0.25 * feed)}
 
 
 def _outcome(

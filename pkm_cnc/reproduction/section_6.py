@@ -452,7 +452,7 @@ def inversely_proportional_to_kv(evidence: Evidence) -> Outcome:
 
 @claim("6.6", "For accuracy at speed Kv must be equal in work coordinates, not in machine coordinates.", "-")
 def gains_equal_in_work_coordinates(evidence: Evidence) -> Outcome:
-    return not_checkable("needs gains that follow the pose, which this version does not have")
+    return not_checkable("no such machine is given; `tcp_control.adapted_gain` shows it in the model")
 
 
 def _falls(values: list[float]) -> bool:

@@ -172,12 +172,12 @@ def shifted_path(evidence: Evidence) -> Outcome:
 
 @claim("7.5 (fig. 7-7)", "Compensation by measured errors brings measured errors to almost zero.", "-")
 def compensation_by_measurement(evidence: Evidence) -> Outcome:
-    return not_checkable("needs the measurement, and compensation, which this version does not have")
+    return not_checkable("needs the measured machine; `experiment compensation` shows it on another")
 
 
 @claim("7.5 (fig. 7-8)", "By simulated errors the simulated error vanishes, the measured one only shrinks.", "-")
 def compensation_by_simulation(evidence: Evidence) -> Outcome:
-    return not_checkable("needs compensation along the path, which this version does not have, and the measurement")
+    return not_checkable("needs the measured machine; `experiment compensation` shows it on another")
 
 
 @claim("7.6", "The coefficients found after the first iteration describe the machine.", "transfer function")
@@ -217,7 +217,7 @@ def nine_coefficients(evidence: Evidence) -> Outcome:
 
 @claim("7.6 (figs. 7-10..7-12)", "The first iteration improves the measured contour errors.", "-")
 def identification_measured(evidence: Evidence) -> Outcome:
-    return not_checkable("needs the measurement and the identification, which this version does not have")
+    return not_checkable("needs the measured machine")
 
 
 CLAIMS = tuple(value for value in list(vars().values()) if isinstance(value, Claim))
