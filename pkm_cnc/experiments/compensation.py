@@ -334,15 +334,16 @@ def _plan(setup: Setup, machine: str, outcomes: Sequence[Outcome]) -> Panel:
     assert first is not None
     assert outcomes[0].figures is not None
     zero = np.array(setup.program_zero[:2])
+    gap = [(np.nan, np.nan)]  # between elements, which need not follow each other
     contour = np.array(
         [
-            element.position(element.length * step / 60)[:2]
+            point
             for element in first.elements
             if element.evaluated
-            for step in range(61)
+            for point in [*(element.position(element.length * step / 60)[:2] for step in range(61)), *gap]
         ]
     )
-    size = float(np.ptp(contour, axis=0).max())
+    size = float((np.nanmax(contour, axis=0) - np.nanmin(contour, axis=0)).max())
     scale = round_scale(max(outcomes[0].figures.largest, 1e-9), ROOM * size)
     drawn = 1e3 * (contour - zero)
     curves = [Curve("programmed", drawn[:, 0], drawn[:, 1], role="programmed")]
