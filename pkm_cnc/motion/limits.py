@@ -38,9 +38,8 @@ class MotionParameters:
     )
     jerk: float = parameter(
         0.0,
-        "Largest change of the TCP's acceleration vector per time; 0 = any, else it reaches the acceleration within 10 s. "
-        "The default is 0, as the experiments of "
-        "the thesis have it; machine tools have 20 to 500 m/s^3.",
+        "Largest change of the TCP's acceleration vector per time; 0 = any, else it reaches the acceleration within "
+        "10 s. The default is 0, as the experiments of the thesis have it; machine tools have 20 to 500 m/s^3.",
         unit="m/s^3",
         minimum=0.0,
     )
@@ -108,7 +107,8 @@ class LimitParameters:
     )
     jerk: float = parameter(
         0.0,
-        "Largest jerk of the drive's setpoint; 0 = any, else it reaches the acceleration within 10 s. The default is 0, as the experiments of the thesis have it.",
+        "Largest jerk of the drive's setpoint; 0 = any, else it reaches the acceleration within 10 s. The default is "
+        "0, as the experiments of the thesis have it.",
         unit="m/s^3",
         minimum=0.0,
     )
