@@ -10,6 +10,7 @@ import math
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -34,6 +35,7 @@ from pkm_cnc.simulation import make_plant, simulate
 from pkm_cnc.topics import recorded_topics
 
 HOPS = 20_000
+ROOT = Path(__file__).resolve().parents[1]
 BLOCKS, SEGMENTS = 100_000, 20_000
 MINUTE_1, MINUTE_10 = 60.0, 600.0
 
@@ -182,6 +184,24 @@ def print_motion(folder: Path) -> None:
         )
 
 
+def print_optimum() -> None:
+    """The time of a motion near the edge of the workspace, and in time-optimal motion under the same limits."""
+    sys.path.append(str(ROOT / "test"))
+    from time_optimum import optimum  # what the tests compare with as well
+
+    setup = load_setup("tripod", ["limits.velocity=0.4", "limits.acceleration=3.0"])
+    program = Program("edge.ngc", "G1 X-120 Y200 F60000\nX140 Y215\nM2\n")
+    toolpath = interpret(program, start=setup.start_pose, zero=setup.program_zero, rapid=setup.motion.rapid)
+    machine, _, _ = planning(setup, program)
+    ideal = sum(optimum(setup, [element], setup.motion) for element in toolpath.elements)
+    print(
+        f"cycle time:               {machine / ideal:6.3f} x the time optimum of toppra   (required 1.02)", flush=True
+    )
+    jerk = ["motion.jerk=100.0", "limits.jerk=200.0"]
+    limited, _, _ = planning(load_setup("tripod", ["limits.velocity=0.4", "limits.acceleration=3.0", *jerk]), program)
+    print(f"  with limits of jerk     {limited / ideal:6.3f} x", flush=True)
+
+
 def compensated(setup: Setup, program: Program) -> tuple[float, float]:
     """Machine time that three passes of mirror looked at, and the wall time of the whole work."""
     cycles = len(observe(setup, program).s)
@@ -207,6 +227,7 @@ def main() -> None:
         minute, ten_minutes = star(folder, MINUTE_1), star(folder, MINUTE_10)
 
         print_motion(folder)
+        print_optimum()
         machine, wall = simulated(setup, minute, None)
         print(f"simulate without a bag:   {machine / wall:6.2f} x real time   (required 30)", flush=True)
         machine, wall = simulated(setup, minute, folder / "simulated")
