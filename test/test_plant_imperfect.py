@@ -198,6 +198,28 @@ def test_a_voltage_limit_bounds_the_speed_through_the_back_emf():
     assert state.slider_velocity < 0.5
 
 
+@pytest.mark.parametrize(
+    ("limit", "given"),
+    [
+        ("current", {"drive": {"current_limit": 4.0, "velocity_integral": 300.0}, "friction": {"coulomb": 3000.0}}),
+        ("voltage", {"drive": {"voltage_limit": 40.0, "back_emf": 0.77, "velocity_integral": 300.0}}),
+    ],
+)
+def test_how_long_a_limit_was_reached_is_forgotten(limit, given):
+    """Anti-windup: however long against a stuck slider or at the highest speed, the opposite command acts at once."""
+    ends = []
+    for cycles in (1000, 10_000):
+        plant = axis(steps=2, **given)
+        _, limited = run(plant, [0.5] * cycles)
+        assert limited.current > 0.0
+        ends.append(run(plant, [-0.05] * 100)[1])
+    if limit == "current":
+        assert [end.current for end in ends] == pytest.approx([-4.0 * HELD_CURRENT] * 2, rel=1e-2)
+    else:
+        assert [end.slider_velocity < 0.0 for end in ends] == [True, True]
+        assert ends[1].slider_velocity == pytest.approx(ends[0].slider_velocity, rel=1e-4)
+
+
 def test_dead_time_delays_the_command():
     """Whole periods shift the response; a fraction shifts it by as much, where the command changes little."""
     commands = [0.1 * math.sin(0.005 * k) for k in range(600)]

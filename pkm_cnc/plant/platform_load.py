@@ -6,9 +6,9 @@ inertia,
     F = m (g - d2P/dt2),
 
 with the acceleration of the TCP that the sliders had over the last period. So what an axis takes of the others is half
-a period old on average, and held over the next: it is late by one period. What that is wrong by is at most T |dF/dt|,
-m T times the jerk of the TCP: for 20 kg, 1 ms and 50 m/s^3 1 N, on what the default motor and screw have as 3435 kg at
-the slider (drive.inertia (2 pi / pitch)^2).
+a period old when it is found, and is held over the next period: it is late by one period on average and by one and a
+half at its end. The force at the TCP is wrong by at most 1.5 T m times the jerk of the TCP: for 20 kg, 1 ms and
+50 m/s^3 by 1.5 N, on what the default motor and screw have as 3435 kg at the slider (drive.inertia (2 pi / pitch)^2).
 """
 
 from __future__ import annotations
