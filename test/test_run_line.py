@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import pty
 import re
+import signal
 from pathlib import Path
 
 import pytest
-from running import SHORT, TIMEOUT, started
+from running import LONG, TIMEOUT, started
 
 from pkm_cnc.cli.progress import RunLine
 from pkm_cnc.messages import message, serialize
@@ -54,24 +55,29 @@ def test_an_unknown_length_has_no_percentage() -> None:
     assert "%" not in line_of([], state=STATE_RUNNING, path_length=float("nan"))
 
 
-def read_all(terminal: int) -> str:
-    text = b""
-    while True:
+def read_until(terminal: int, pattern: str) -> str:
+    """What comes from the terminal until the pattern is in it, or until its other end is closed."""
+    text = ""
+    while not re.search(pattern, text):
         try:
-            text += os.read(terminal, 65536)
-        except OSError:  # the other end is closed
-            return text.decode()
+            text += os.read(terminal, 65536).decode()
+        except OSError:
+            break
+    return text
 
 
 @pytest.mark.parametrize("processes", ["one", "each"])
 def test_on_a_terminal_it_is_drawn_and_wiped_at_the_end(ros_domain: int, tmp_path: Path, processes: str) -> None:
-    (tmp_path / "short.ngc").write_text(SHORT)
+    """A run too long to end before the line is there, stopped when it is."""
+    (tmp_path / "long.ngc").write_text(LONG)
     terminal, stderr = pty.openpty()
-    arguments = ("run", tmp_path / "short.ngc", "--machine", "tripod", "--bag", tmp_path / "bag")
+    arguments = ("run", tmp_path / "long.ngc", "--machine", "tripod", "--bag", tmp_path / "bag")
     with started(*arguments, "--processes", processes, stderr=stderr) as process:
         os.close(stderr)
-        text = read_all(terminal)
-        assert process.wait(TIMEOUT) == 0
+        drawn = r"\r\x1b\[Krunning; \d+ %; \d+ mm/min; worst contour error \d+\.\d um"
+        assert re.search(drawn, read_until(terminal, drawn))
+        process.send_signal(signal.SIGINT)
+        text = read_until(terminal, "never")
+        assert process.wait(TIMEOUT) == 1
     os.close(terminal)
-    assert re.search(r"\r\x1b\[K(running|finished); \d+ %; \d+ mm/min; worst contour error \d+\.\d um", text)
-    assert text.endswith("\r\x1b[K")
+    assert re.search(r"\r\x1b\[Kpkm_cnc: [^\r]*SIGINT\r\n$", text)
