@@ -19,9 +19,9 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "reproduce",
         help="run every experiment and judge every claim of the thesis",
-        description="Run every experiment with its defaults but the workspace map, judge every claim of the thesis "
-        "that can be checked without its lost figures, and print claims, computed figures and verdicts. A claim that "
-        "is contradicted is a result: exit status 0.",
+        description="Run every experiment with its defaults but calibration, compensation and the workspace map, judge "
+        "every claim of the thesis that can be checked without its lost figures, and print claims, computed figures "
+        "and verdicts. A claim that is contradicted is a result: exit status 0.",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
     parser.add_argument("--report", metavar="DIR", help="write pages, pictures and data.json to DIR")
