@@ -61,6 +61,7 @@ SQUARE = "(a square with sharp corners)\nG21 G90\nG1 X40 F{feed:.0f}\nY40\nX0\nY
 class Options:
     """What is run."""
 
+    program: str = parameter("all", "what is run", choices=("all", "star", "circle", "square", "plate"))
     feed: float = parameter(
         6000.0, "of star and square; half of it of the circle, a quarter of it of the plate", unit="mm/min", above=0.0
     )
@@ -157,6 +158,8 @@ def _run(lab: Lab, options: Options) -> Findings:
     mismatched = [f"{axis}.drive.kv={parts.drive.kv * MISMATCH!r}" for axis, parts in model.axes.items()]
     machines = {"ideal": model, "Kv 18 % off": _with(model, mismatched), "as it is": setup}
     programs = _programs(setup, options.feed)
+    if options.program != "all":
+        programs = {options.program: programs[options.program]}
     methods = _methods(model)
     known: dict[tuple[str, str], Program] = {}
     outcomes: list[Outcome] = []
