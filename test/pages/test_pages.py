@@ -17,7 +17,7 @@ FLAGS = (
     "--disable-component-update --disable-sync --enable-logging=stderr --virtual-time-budget=20000 --dump-dom"
 ).split()
 SMALL = {
-    "compensation": {"program": "circle", "passes": 1},
+    "compensation": {"program": "square", "passes": 1},
     "star": {"headings": (0.0, 45.0), "feeds": (6000.0,), "pivot": (0.0, 0.0)},
     "circle": {"radii": (20.0,), "feeds": (3000.0,)},
     "drive-based": {"headings": (0.0, 45.0), "radius": 20.0},
