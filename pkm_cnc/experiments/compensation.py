@@ -122,12 +122,12 @@ def floor(runs: Sequence[Evaluation]) -> tuple[float, float]:
 
 
 def _methods(setup: Setup) -> list[Method]:
+    delay = max(equivalent_delay(parts.drive) for parts in setup.axes.values())
     delays = [
         "drive.velocity_feed_forward=1.0",
         f"drive.setpoint_delay={0.5 * setup.servo_period!r}",
-        f"drive.equivalent_delay={max(equivalent_delay(parts.drive) for parts in setup.axes.values())!r}",
+        f"drive.equivalent_delay={delay!r}",
     ]
-    acceleration = max(equivalent_delay(parts.drive) for parts in setup.axes.values())
     return [
         Method("none", "nothing"),
         Method("mirror, model", "model of machine and drives", name="mirror"),
@@ -141,7 +141,7 @@ def _methods(setup: Setup) -> list[Method]:
             "velocity and acceleration feed-forward",
             "delay of the velocity loop",
             False,
-            overrides=[*delays[:1], f"drive.acceleration_feed_forward={acceleration!r}"],
+            overrides=[*delays[:1], f"drive.acceleration_feed_forward={delay!r}"],
         ),
         Method("cross coupling", "kinematics", False, overrides=["tcp_control.cross_coupling=200.0"]),
         Method(

@@ -2,7 +2,7 @@
 
 import math
 
-from pkm_cnc.errors import InputError, MachineFault
+from pkm_cnc.errors import MachineFault
 from pkm_cnc.plant.linear_scale import LinearScale
 from pkm_cnc.plant.plant_parameters import ScaleParameters, ScrewParameters, TravelParameters
 from pkm_cnc.plant.velocity_loop import CascadeVelocityLoop, IdealVelocityLoop, VelocityLoop
@@ -29,11 +29,7 @@ class AxisPlant:
         start_position: float,
         name: str = "",
     ) -> None:
-        if not travel.minimum <= start_position <= travel.maximum:
-            raise InputError(
-                f"start position {start_position * 1e3:.6g} mm is not within the travel of "
-                f"{travel.minimum * 1e3:.6g} to {travel.maximum * 1e3:.6g} mm (travel.minimum, travel.maximum)"
-            )
+        travel.require(start_position)
         self._scale = LinearScale(scale, name)
         self._travel = travel
         self._torque_constant = drive.torque_constant

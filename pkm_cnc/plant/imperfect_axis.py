@@ -316,12 +316,8 @@ def _schedule(dead_time: float, period: float, steps: int) -> tuple[list[_Part],
 
 
 def _refuse(parts: AxisParts, start_position: float) -> None:
-    travel, turn = parts.travel, parts.screw.pitch / (2.0 * math.pi)
-    if not travel.minimum <= start_position <= travel.maximum:
-        raise InputError(
-            f"start position {start_position * 1e3:.6g} mm is not within the travel of "
-            f"{travel.minimum * 1e3:.6g} to {travel.maximum * 1e3:.6g} mm (travel.minimum, travel.maximum)"
-        )
+    parts.travel.require(start_position)
+    turn = parts.screw.pitch / (2.0 * math.pi)
     if parts.drive.kind != "cascade":
         raise InputError(f"drive.kind: {parts.drive.kind} has no motor for what makes the axis imperfect; take cascade")
     if parts.screw.stiffness > 0.0 and not parts.slider.mass > 0.0:

@@ -177,3 +177,11 @@ class TravelParameters:
     def __post_init__(self) -> None:
         if not self.minimum < self.maximum:
             raise InputError(f"minimum: {self.minimum} m is not below the maximum of {self.maximum} m")
+
+    def require(self, start_position: float) -> None:
+        """Raise InputError if an axis cannot start at `start_position`, m: beyond an end."""
+        if not self.minimum <= start_position <= self.maximum:
+            raise InputError(
+                f"start position {start_position * 1e3:.6g} mm is not within the travel of "
+                f"{self.minimum * 1e3:.6g} to {self.maximum * 1e3:.6g} mm (travel.minimum, travel.maximum)"
+            )
