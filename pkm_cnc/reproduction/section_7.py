@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from pkm_cnc.identification import IDENTIFIED
 from pkm_cnc.reproduction.claim import Claim, Outcome, claim, judged, not_checkable
 from pkm_cnc.reproduction.evidence import Evidence
 from pkm_cnc.reproduction.reading import left_um
@@ -27,11 +28,6 @@ PRINTED = TransferFunction(
     (6.264e-5, 0.143, 1.741e2, 3.483e3, 3.599, 5.805e-4),
 )
 """N1..N3, D1..D6 of the drive as section 7.6 lists them."""
-IDENTIFIED = TransferFunction(
-    (4.1e3, 3.99, 6.01e-4),
-    (6.265e-5, 0.154, 1.734e2, 4.02e3, 4.01, 6.021e-4),
-)
-"""The same after the first iteration of the identification, section 7.6."""
 SECONDS = np.linspace(0.0, 2.0, 2001)
 HEADINGS = (15.0, 75.0, 130.0)
 
