@@ -8,29 +8,14 @@ from typing import NamedTuple
 from pkm_cnc.motion import Interpolator
 from pkm_cnc.records import (
     STATE_ABORTED,
-    STATE_ABORTING,
-    STATE_FINISHED,
     STATE_HELD,
-    STATE_HOLDING,
     STATE_PROGRAM_STOP,
     STATE_READY,
-    STATE_RUNNING,
     TcpSetpoint,
 )
 
-__all__ = ["GOES_ON_WITH", "STATE_NAMES", "Status", "StatusReports"]
+__all__ = ["GOES_ON_WITH", "Status", "StatusReports"]
 
-STATE_NAMES = {
-    STATE_READY: "ready",
-    STATE_RUNNING: "running",
-    STATE_HOLDING: "holding",
-    STATE_HELD: "held",
-    STATE_PROGRAM_STOP: "program stop",
-    STATE_ABORTING: "aborting",
-    STATE_ABORTED: "aborted",
-    STATE_FINISHED: "finished",
-}
-"""What people read of a state."""
 GOES_ON_WITH = {
     STATE_READY: "start",
     STATE_HELD: "resume",

@@ -53,7 +53,7 @@ def test_a_command_is_taken_in_its_states_only_and_a_refusal_is_one_line(kind: i
     if state in ALLOWED[kind]:
         assert Operator(state).commanded(Command(kind)) == Operator(ALLOWED[kind][state])
     else:
-        with pytest.raises(Refusal, match=r"^\w+ is not possible: the machine is [a-z ]+, not [a-z ]+$"):
+        with pytest.raises(Refusal, match=r"^\w+ is not possible in state [a-z ]+: it needs [a-z ]+$"):
             Operator(state).commanded(Command(kind))
 
 

@@ -11,8 +11,9 @@ from typing import Any, Protocol
 
 from pkm_cnc.experiments import Tell
 from pkm_cnc.messages import deserialize
+from pkm_cnc.motion import STATE_NAMES
 from pkm_cnc.records import STATE_FINISHED, STATE_RUNNING, ContourError
-from pkm_cnc.status import GOES_ON_WITH, STATE_NAMES
+from pkm_cnc.status import GOES_ON_WITH
 from pkm_cnc.topics import STATUS, topics
 
 __all__ = ["RunLine", "Show", "bar", "live_line", "run_line"]

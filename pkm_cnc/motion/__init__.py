@@ -10,12 +10,13 @@ from pkm_cnc.motion.blending import pieces
 from pkm_cnc.motion.feed_profile import Cell, FeedProfile, speeds_squared
 from pkm_cnc.motion.interpolator import Interpolator, Progress, Source
 from pkm_cnc.motion.limits import DriveLimits, LimitParameters, MotionParameters, refuse_long_ramp
-from pkm_cnc.motion.operator import Operator
+from pkm_cnc.motion.operator import STATE_NAMES, Operator
 from pkm_cnc.motion.piece import Curve, Piece, Shape
 from pkm_cnc.motion.planner import Planner
 from pkm_cnc.motion.supply import Segment
 
 __all__ = [
+    "STATE_NAMES",
     "Cell",
     "Curve",
     "DriveLimits",

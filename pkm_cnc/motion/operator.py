@@ -37,21 +37,22 @@ from pkm_cnc.records import (
     Command,
 )
 
-__all__ = ["LARGEST_OVERRIDE", "Operator", "Refusal"]
+__all__ = ["LARGEST_OVERRIDE", "STATE_NAMES", "Operator", "Refusal"]
 
 LARGEST_OVERRIDE = 2.0
 """Largest feed and rapid override, as on the panels of machine tools: 200 %."""
 
-_NAMES = {
+STATE_NAMES = {
     STATE_READY: "ready",
     STATE_RUNNING: "running",
     STATE_HOLDING: "holding",
     STATE_HELD: "held",
-    STATE_PROGRAM_STOP: "at a program stop",
+    STATE_PROGRAM_STOP: "program stop",
     STATE_ABORTING: "aborting",
     STATE_ABORTED: "aborted",
     STATE_FINISHED: "finished",
 }
+"""What people read of a state."""
 _TRANSITIONS = {
     CMD_START: ("start", {STATE_READY: STATE_RUNNING}),
     CMD_HOLD: ("hold", {STATE_RUNNING: STATE_HOLDING}),
@@ -104,8 +105,8 @@ class Operator:
 
     def _changed(self, name: str, transitions: dict[int, int]) -> Operator:
         if self.state not in transitions:
-            possible = " or ".join(_NAMES[state] for state in transitions)
-            raise Refusal(f"{name} is not possible: the machine is {_NAMES[self.state]}, not {possible}")
+            possible = " or ".join(STATE_NAMES[state] for state in transitions)
+            raise Refusal(f"{name} is not possible in state {STATE_NAMES[self.state]}: it needs {possible}")
         return dataclasses.replace(self, state=transitions[self.state])
 
     def rested(self) -> Operator:
