@@ -20,6 +20,7 @@ from pkm_cnc.program import (
     carry_original,
     with_reference,
 )
+from pkm_cnc.records import CMD_RESUME, CMD_SINGLE_BLOCK, STATE_HELD, Command
 
 ORIGIN = (0.0, 0.0, 0.0)
 ZERO = (0.01, -0.02, 0.03)
@@ -103,13 +104,35 @@ def test_a_machine_that_ignores_comments_moves_alike():
 def test_every_motion_has_the_line_of_the_original():
     program, contour, _ = compensated()
     toolpath = ProgramSource(program, **READING).toolpath()
-    for line in program.text.splitlines():
-        if line.startswith("N"):
-            number = int(line[1:].split()[0])
-            assert number in {element.line for element in contour.elements}
-    owners = [element.places[0].element.line for element in toolpath]
-    lines = [int(program.text.splitlines()[one.line - 1][1:].split()[0]) for one in toolpath]
-    assert owners == lines
+    written = [int(line[1:].split()[0]) for line in program.text.splitlines() if line.startswith("N")]
+    assert [element.line for element in toolpath] == written
+    assert [element.places[0].element.line for element in toolpath] == written
+    assert sorted(set(written)) == sorted({element.line for element in contour.elements})
+
+
+def test_it_begins_at_a_line_of_the_original():
+    program, contour, _ = compensated()
+    arc = next(index for index, element in enumerate(contour.elements) if element.line == 6)
+    toolpath = ProgramSource(program, **READING, from_line=6).toolpath()
+    rapid, first, *_ = toolpath
+    assert (rapid.traverse, first.line) == (True, 6)
+    assert math.dist(first.start, contour.elements[arc].start) < 50e-6
+    assert [element.line for element in toolpath.contour] == [6, *(one.line for one in contour.elements[arc:])]
+    assert toolpath.contour.length == pytest.approx(rapid.length + contour.length - contour.starts[arc])
+
+
+def test_a_single_block_is_one_of_the_original():
+    program, contour, _ = compensated("G64 P0.1\nF3000\nG1 X30\nX60 Y1\nX90 Y4\nM2\n")
+    toolpath = ProgramSource(program, **READING).toolpath()
+    interpolator = Interpolator(toolpath, MotionParameters(), 0.001)
+    interpolator.command(Command(CMD_SINGLE_BLOCK, 1.0))
+    held = []
+    while not interpolator.finished:
+        setpoint = interpolator.step()
+        if interpolator.state == STATE_HELD:
+            held.append(setpoint.path_length)
+            assert interpolator.command(Command(CMD_RESUME)) == ""
+    assert held == pytest.approx(contour.starts[1:], abs=1.1e-4)
 
 
 @pytest.mark.parametrize("tolerance", [1e-8, 1e-6])

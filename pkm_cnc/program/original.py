@@ -85,7 +85,8 @@ def element_of_comment(comment: str) -> int | None:
 def led_by_marks(
     items: Iterable[Element | Event | Mark], contour: Iterable[Element], name: str
 ) -> Iterator[Element | Event]:
-    """The motions of a compensated program, called `name`, each with its place on the `contour` that it carries.
+    """The motions of a compensated program, called `name`, each with its place on the `contour` that it carries, and
+    with the line of that: an operator who stops, resumes or begins at a line means one of what he wrote.
 
     Raises InputError for marks that do not go through the elements of the contour one by one.
     """
@@ -122,14 +123,14 @@ def _led_along(owner: Element | None, group: list[Element | Event]) -> Iterator[
             yield item
             continue
         rate = owner.length / total
-        yield dataclasses.replace(item, places=(Place(0.0, owner, done * rate, rate),))
+        yield dataclasses.replace(item, line=owner.line, places=(Place(0.0, owner, done * rate, rate),))
         done += item.length
 
 
 def led_by_length(
     items: Iterable[Element | Event], contour: Iterable[Element], rate: float
 ) -> Iterator[Element | Event]:
-    """Motions that go along a contour that is `rate` times as long as they are, each with its places on it."""
+    """Motions that go along a contour that is `rate` times as long as they are, each with its places and line there."""
     elements = iter(contour)
     element, offset = next(elements), 0.0
     for item in items:
@@ -144,4 +145,4 @@ def led_by_length(
             offset -= element.length
             element, s = following, item.length - offset / rate
             places.append(Place(s, element, 0.0, rate))
-        yield dataclasses.replace(item, places=tuple(places))
+        yield dataclasses.replace(item, line=places[0].element.line, places=tuple(places))
