@@ -20,9 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pkm_cnc.compensation.correction import DEGREE, Correction, Span, across
+from pkm_cnc.compensation.correction import DEGREE, SMOOTH, Correction, Span, across
 from pkm_cnc.compensation.drive_response import drive_responses
 from pkm_cnc.compensation.observation import Observation
+from pkm_cnc.compensation.smooth_fit import SmoothFit
 from pkm_cnc.config import Setup
 
 __all__ = ["mirrored"]
@@ -35,8 +36,6 @@ NEGLIGIBLE = 1e-5
 """1. The part of the response that is cut off at its end."""
 ROWS = 8
 """Cycles of a knot interval that the fit looks at: neighbouring ones say the same."""
-SMOOTH = 1e-3
-"""1. lambda beside the number of those cycles: takes away 2e-6 of what is 30 knots long and 20 % of what is two."""
 
 
 class _Seen(NamedTuple):
@@ -97,31 +96,19 @@ def _product(matrices: Array, vectors: Array) -> Array:
 
 
 class _Fit:
-    """The least-squares fit of one span: normal equations, banded, of the coefficients that are not zero at its ends.
+    """The least-squares fit of one span, of the coefficients that are not zero at its ends.
 
     Looked at are the cycles from where the motion before is forgotten (`Span.fade`) to where the setpoint begins its
     last ramp: what the tool does behind that is decided.
     """
 
     def __init__(self, span: Span, seen: Sequence[_Seen], response: Array) -> None:
-        self._free = slice(DEGREE, span.intervals)
-        self._parts = [
-            (index, *part) for index, run in enumerate(seen) if (part := _rows(span, run, response, self._free))
-        ]
-        self._factors: tuple[Array, bool] | None = None
-        if not self._parts:
-            return
-        from scipy.linalg import cholesky_banded
-
-        count = self._free.stop - self._free.start
-        normal = sum(matrix.T @ matrix for _, _, matrix in self._parts)
-        width = max(2, int((normal.tocoo().col - normal.tocoo().row).max()))
-        self._stiffness = SMOOTH * max(1.0, sum(len(rows) for _, rows, _ in self._parts) / count) * _bending(count)
-        whole = normal + self._stiffness
-        banded = np.zeros((width + 1, count))  # upper form
-        for offset in range(min(width, count - 1) + 1):
-            banded[width - offset, offset:] = whole.diagonal(offset)
-        self._factors = cholesky_banded(banded), False
+        self._free = span.free
+        found = [(index, _rows(span, run, response)) for index, run in enumerate(seen)]
+        self._parts = [(index, *part) for index, part in found if part]
+        if self._parts:
+            weight = SMOOTH * max(1.0, sum(len(rows) for _, rows, _ in self._parts) / span.intervals)
+            self._fit = SmoothFit(sum(matrix.T @ matrix for _, _, matrix in self._parts), weight)
 
     def improved(self, coefficients: Array, left: Sequence[Array]) -> Array:
         """The coefficients (intervals + 3, 3), m, with which nothing is left of the errors `left` (n, 3) of the runs.
@@ -129,16 +116,13 @@ class _Fit:
         Zero where no run shows anything.
         """
         result = np.zeros_like(coefficients)
-        if self._factors is not None:
-            from scipy.linalg import cho_solve_banded
-
-            free = coefficients[self._free]
-            asked = sum(matrix.T @ left[index][rows] for index, rows, matrix in self._parts)
-            result[self._free] = free - cho_solve_banded(self._factors, asked + self._stiffness @ free)
+        if self._parts:
+            found = sum(matrix.T @ left[index][rows] for index, rows, matrix in self._parts)
+            result[self._free] = self._fit.improved(coefficients[self._free], -np.asarray(found))
         return result
 
 
-def _rows(span: Span, run: _Seen, response: Array, free: slice) -> tuple[NDArray[np.intp], Any] | None:
+def _rows(span: Span, run: _Seen, response: Array) -> tuple[NDArray[np.intp], Any] | None:
     """Cycles of `run` that the fit of `span` looks at, and what they show of a unit of each coefficient: R, sparse."""
     from scipy.interpolate import BSpline
     from scipy.sparse import csr_matrix
@@ -152,6 +136,7 @@ def _rows(span: Span, run: _Seen, response: Array, free: slice) -> tuple[NDArray
         return None
     basis = BSpline.design_matrix(run.asked[inside], span.knots(), DEGREE).tocsc()
     places, columns, values = [], [], []
+    free = span.free
     for column in range(free.start, free.stop):
         entries = slice(basis.indptr[column], basis.indptr[column + 1])
         if entries.start == entries.stop:
@@ -166,11 +151,3 @@ def _rows(span: Span, run: _Seen, response: Array, free: slice) -> tuple[NDArray
         values.append(shown[rows[found] - cycles.min()])
     shape = (len(rows), free.stop - free.start)
     return rows, csr_matrix((np.concatenate(values), (np.concatenate(places), np.concatenate(columns))), shape=shape)
-
-
-def _bending(count: int) -> Any:
-    """The sum of squares of the second differences of `count` coefficients with zeros around them, sparse (p, p)."""
-    from scipy.sparse import diags
-
-    differences = diags([1.0, -2.0, 1.0], [0, -1, -2], shape=(count + 2, count))
-    return (differences.T @ differences).tocsr()
