@@ -112,6 +112,7 @@ def test_a_dead_time_of_an_ideal_velocity_loop_by_hand(dead_time):
 
 def test_the_response_has_a_derivative_by_the_dead_time_at_none():
     """From above and below alike, which an identification needs at a drive without dead time."""
+
     def response(dead_time, kind):
         setup = load_setup("tripod", [f"drive.kind={kind}"])
         parts = setup.axes["u1"]
