@@ -8,7 +8,8 @@ the predicted values, S their derivative by the steps and s the standard deviati
 In the order of `SIZES`, first the velocity gains of all drives, an unknown is estimated if all so far are then known
 within `TOLD` of a step; else the data do not tell it beside them and it is left alone, at the value of the machine
 file, and the others are true if that is. The choice is made anew at the estimate until it stays. The singular values of
-S beside s say the same by direction.
+S beside s say the same by direction. Last, what is then told beside the noise, but not beside the deviations that are
+left (friction, backlash: what the model lacks), counted as for the intervals below, is left alone, too.
 
 Without feed-forwards, dead time and velocity feed-forward cannot both be told. The feed-forwards are believed to be
 those of the machine file unless drives with others, told before the dead time, leave less than `LESS` of the
@@ -22,6 +23,7 @@ interval +-t(0.975) times the deviation.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -150,6 +152,13 @@ def _fit(setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData, order:
             break
         start = drive_setup(setup, unknowns, values if set(kept) <= set(told) else before)
         kept, values = told, _fitted(start, unknowns, data, told)
+    left = data.observed - data.predicted(drive_setup(setup, unknowns, values))
+    beside = max(noise, rms(left) * math.sqrt(_correlation(left)))
+    chosen = [unknowns[place] for place in kept]
+    derivative = sensitivity(setup, unknowns, data, values)[:, kept]
+    still = [kept[place] for place in told_unknowns(chosen, derivative, beside, data, order=order)]
+    if still != kept:
+        kept, values = still, _fitted(setup, unknowns, data, still)
     return fit_of("least-squares", setup, unknowns, data, values, kept, noise)
 
 

@@ -100,7 +100,8 @@ def _taught(
     vectors: int,
 ) -> Network:
     """A network from the deviations in `rows` to the steps from `values` (p,), trained in the `band` (p, 2), steps."""
-    steps = generator.uniform(*band.T, (vectors, len(unknowns)))
+    low, high = band.T
+    steps = np.asarray(generator.uniform(low, high, (vectors, len(unknowns))))
     here = data.predicted(steps_model(setup, unknowns, values, 0.0 * steps[0]))[rows]
     inputs = np.stack([data.predicted(steps_model(setup, unknowns, values, step))[rows] - here for step in steps])
     inputs += generator.normal(0.0, noise, inputs.shape)
