@@ -39,8 +39,9 @@ Array = NDArray[np.float64]
 
 BAND = (-0.3, 0.3)
 """Steps: the band of training around the values."""
-DEAD_TIME_BAND = (-0.3, 2.0)
-"""Steps: of a dead time, which a file mostly does not have and no drive has below none."""
+LATE_BAND = (-0.3, 2.0)
+"""Steps: the same of how late a velocity loop is, by bandwidth or dead time: mostly more than a file has it."""
+LATE = ("velocity_gain", "dead_time")
 NARROWER = (1.0, 1.0 / 6.0)
 """1. By iteration: the share of the band."""
 TOLD = 0.01
@@ -69,13 +70,15 @@ def fit_drives_by_networks(
         explained = fit_drives(setup, unknowns, data)
         # the resolution of a scale within the loop moves the tool smoothly, which is no noise from one to the next
         noise = max(explained.noise, rms(explained.after))
-        derivative = sensitivity(setup, unknowns, data, values)
-        kept = told_unknowns(unknowns, derivative, noise, data, TOLD)
+        tried = [place for place, estimate in enumerate(explained.estimates) if not estimate.left_alone]
+        derivative = sensitivity(setup, unknowns, data, values)[:, tried]
+        told = told_unknowns([unknowns[place] for place in tried], derivative, noise, data, TOLD)
+        kept = [tried[place] for place in told]
         chosen = [unknowns[place] for place in kept]
         rows = np.unique(np.linspace(0, len(observed) - 1, INPUTS).astype(int))
         networks = []
         for share in NARROWER:
-            band = share * np.array([DEAD_TIME_BAND if one.name == "dead_time" else BAND for one in chosen])
+            band = share * np.array([LATE_BAND if one.name in LATE else BAND for one in chosen])
             here = data.predicted(drive_setup(setup, unknowns, values))[rows]
             network = _taught(setup, chosen, data, values[kept], rows, band, noise, generator, vectors)
             steps = network.estimate(observed[rows] - here)[0]
