@@ -101,6 +101,7 @@ def test_kv_is_found_without_noise(bags, tmp_path, data):
     assert [parts.drive.kv for parts in found.axes.values()] == pytest.approx([23.64] * 3, rel=1e-6)
     assert "left alone" in text
     assert "change_um_per_step" in text
+    assert "after_um" in text
 
 
 def test_networks_find_kv_from_contour_errors(bags):
