@@ -36,7 +36,7 @@ from pkm_cnc.program import Program, Toolpath, carried_original
 
 __all__ = ["Compensated", "CompensationOptions", "Pass", "compensate"]
 
-SLOWER = 0.005
+SLOWER = 0.01
 """1. A compensated program may be slower than the original by this part of its feed before it is refused: the error
 that it is made for goes with the square of the speed."""
 
@@ -64,13 +64,13 @@ class CompensationOptions:
         above=0.0,
         maximum=1000.0,
     )
-    spacing_mm: float = parameter(
-        2.0,
-        "distance of the knots of the correction along the path: details below twice that are taken for noise; it is "
-        "a quarter of the distance by which the tool lags at 9000 mm/min",
-        unit="mm",
-        minimum=0.1,
-        maximum=100.0,
+    spacing: float = parameter(
+        0.25,
+        "distance of the knots of the correction along the path, in distances v/Kv by which the tool lags at the feed: "
+        "details below twice that are taken for noise, and drives pass little of what is shorter than one",
+        unit="lags",
+        minimum=0.02,
+        maximum=10.0,
     )
     tolerance_um: float = parameter(
         0.01,
@@ -141,14 +141,14 @@ class _Work:
         self.toolpath = toolpath_of(setup, program)
         self.contour = self.toolpath.contour
         kv = min(parts.drive.kv for parts in setup.axes.values())
-        self.spans = spans_of(self.contour, setup.motion, kv, options.spacing_mm * 1e-3)
+        self.spans = spans_of(self.contour, setup.motion, kv, options.spacing)
         if not self.spans:
             raise InputError(f"part program {program.name}: it has rapids alone: nothing to compensate")
         self.correction = self._carried()
 
     def from_model(self, name: str) -> Compensated:
         run = first = self._run(self.given)
-        before = judged(run.errors, self.contour)
+        before, left = judged(run.errors, self.contour), [self._left(run)]
         correction, done = self.correction, []
         best: tuple[float, Program, Observation] | None = None
         for _ in range(self.options.iterations if self.method.learns else 1):
@@ -156,20 +156,26 @@ class _Work:
             program = self._written(correction, f"by {name} from the model")
             run = self._run(program)
             done.append(Pass(correction.size(), judged(run.errors, self.contour)))
-            size = done[-1].figures.largest
-            last = done[-2].figures.largest if len(done) > 1 else before.largest
-            if best is None or size < best[0]:
-                best = (size, program, run)
-            if not abs(last - size) > self.options.until_um * 1e-6 or size > 2.0 * last:
+            left.append(self._left(run))
+            if best is None or left[-1] < best[0]:
+                best = (left[-1], program, run)
+            if not abs(left[-2] - left[-1]) > self.options.until_um * 1e-6 or left[-1] > 2.0 * left[-2]:
                 break
         assert best is not None
-        if best[0] > before.largest:
+        if best[0] > left[0]:
             raise InputError(
                 f"{self.given.name}: {name} makes the largest error {best[0] * 1e6:.4g} um from "
-                f"{before.largest * 1e6:.4g} um: a smaller gain or a lower feed helps"
+                f"{left[0] * 1e6:.4g} um: a smaller gain or a lower feed helps"
             )
-        chosen = next(place for place, one in enumerate(done) if one.figures.largest == best[0])
-        return Compensated(best[1], self._checked(best[1], first, best[2]), before, tuple(done), chosen)
+        return Compensated(
+            best[1], self._checked(best[1], first, best[2]), before, tuple(done), left.index(best[0]) - 1
+        )
+
+    def _left(self, run: Observation) -> float:
+        """The largest error, m, at places that are settled: behind stops it is the corner's and stays."""
+        s, vectors = run.error_vectors()
+        settled = self.correction.settled(s)
+        return float(np.sqrt((vectors[settled] ** 2).sum(axis=1)).max()) if settled.any() else 0.0
 
     def from_bags(self, runs: list[Observation], name: str) -> Compensated:
         """One pass; predicted is what the model says of the change, added to what the bags hold."""
@@ -241,8 +247,9 @@ class _Work:
             prepare(self.setup, program)
         except InputError as error:
             raise InputError(f"compensated, {error}") from None
-        steady = self.correction.settled(before.s) & (before.reached >= 1.0 - SLOWER)
-        lost = np.where(steady, before.reached - np.interp(before.s, after.s, after.reached), 0.0)
+        paces = [self._pace(run) for run in (before, after)]
+        steady = self.correction.settled(before.s) & (paces[0] >= 1.0 - SLOWER)
+        lost = np.where(steady, paces[0] - np.interp(before.s, after.s, paces[1]), 0.0)
         row = int(np.argmax(lost))
         if lost[row] > SLOWER:
             line = self.contour.elements[before.segment[row]].line
@@ -251,6 +258,11 @@ class _Work:
                 "of its feed to keep the limits of TCP and drives (motion, limits): a lower feed leaves them room"
             )
         return toolpath_of(self.setup, program)
+
+    def _pace(self, run: Observation) -> NDArray[np.float64]:
+        """How fast the setpoint goes along the contour, (n,), as a part of the programmed feed."""
+        feeds = np.array([element.feed for element in self.contour.elements])
+        return np.asarray(np.gradient(run.s, self.setup.servo_period) / feeds[run.segment])
 
 
 def _at(s: NDArray[np.float64], places: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
