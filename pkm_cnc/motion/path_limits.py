@@ -120,7 +120,7 @@ def _places(piece: Piece, count: int) -> tuple[Array, Array, Array]:
         tangent = np.array(shape.tangent(0.0))
         return np.array(shape.start) + s * tangent, np.tile(tangent, (rows, 1)), np.zeros((rows, 3))
     step = piece.length / (rows - 1)
-    table = np.array([piece.frame(piece.begin + k * step) for k in range(rows)])
+    table = np.array([shape.frame(piece.begin + k * step) for k in range(rows)])
     return table[:, 0], table[:, 1], table[:, 2]
 
 
