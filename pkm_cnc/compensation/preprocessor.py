@@ -25,10 +25,10 @@ from pkm_cnc.compensation.observation import (
     recorded,
     setpoints_of,
     toolpath_of,
+    tracker_of,
 )
 from pkm_cnc.compensation.writer import compensated_program
 from pkm_cnc.config import Setup
-from pkm_cnc.contour import ContourTracker
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
 from pkm_cnc.parameters import parameter
 from pkm_cnc.program import Program, Toolpath, carried_original
@@ -221,11 +221,9 @@ class _Work:
         """The correction that the given program has already."""
         if self.original is self.given:
             return Correction.none(self.spans)
-        tracker = ContourTracker()
-        for index, (element, start) in enumerate(zip(self.contour.elements, self.contour.starts, strict=True)):
-            tracker.add(index, element, start)
         setpoints = setpoints_of(self.setup, self.toolpath)
-        errors = [tracker.step((point.x, point.y, point.z), point.segment) for point in setpoints]
+        points = np.array([point[:3] for point in setpoints])
+        errors = tracker_of(self.contour).follow(points, [point.segment for point in setpoints])
         tangents = np.array(
             [
                 self.contour.elements[error.segment].tangent(error.path_length - self.contour.starts[error.segment])
