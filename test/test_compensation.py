@@ -1,6 +1,7 @@
 """Compensation: what each method takes away, from models and from bags, and what is refused."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -69,13 +70,25 @@ def test_a_fast_circle_by_mirror_pass_by_pass():
     assert (first < 1.5, second < 0.03, third < 0.002) == (True, True, True)
 
 
-def test_a_star_line_from_rest_to_rest_by_mirror():
-    result = compensate(
-        RESTING, star(headings=(30.0,), length=200.0), options=CompensationOptions(iterations=2, until_um=0.0)
-    )
+@pytest.mark.parametrize("setup", [TRIPOD, RESTING], ids=["default", "at rest between"])
+@pytest.mark.parametrize("feed", [3000.0, 9000.0])
+def test_a_star_by_mirror(setup, feed):
+    """What it leaves must be below 0.1 um after one pass and 0.01 after two: it is below that after one."""
+    program = star(feed, headings=(30.0, 90.0), length=200.0)
+    result = compensate(setup, program, options=CompensationOptions(iterations=2, until_um=0.0))
     first, second = passes_um(result)
-    assert first < 0.1
-    assert second < 0.01
+    assert 1e6 * result.before.largest > 7.0
+    assert first < 0.002
+    assert second < 0.002
+
+
+def test_an_arc_between_stops_is_right_all_along():
+    """But for the last few mm, where the setpoint rests already."""
+    program = Program("arc.ngc", "G21 G90 G17 G61.1\nG0 X50 Y0\nG3 X-50 Y0 I-50 J0 F6000\nM2\n")
+    result = compensate(RESTING, program, options=CompensationOptions(iterations=2, until_um=0.0))
+    assert 1e6 * result.before.largest > 200.0
+    assert result.after.rms < 0.12 * result.before.rms
+    assert result.after.largest < 0.5 * result.before.largest
 
 
 @pytest.mark.parametrize("method", sorted(METHODS))
@@ -130,7 +143,7 @@ def test_the_model_knows_what_the_controller_knows():
 
 
 def span(length=0.1, fade=0.01):
-    return Span(0.0, length, round(length / 2e-3), fade)
+    return Span(0.0, length, round(length / 2e-3), fade, fade)
 
 
 def test_a_smooth_error_is_found_between_the_ends():
@@ -241,7 +254,7 @@ def test_a_program_that_would_have_to_slow_down():
     tight = load_setup("tripod", [f"limits.velocity={fastest * 1.0001!r}"])
     reason = refused(tight, program, options=CompensationOptions(iterations=1))
     assert reason.startswith("circle.ngc:")
-    assert "compensated, the tool would have to slow down by 0.6" in reason
+    assert re.search(r"compensated, the tool would have to slow down by 0\.[5-9]\d* %", reason)
 
 
 def test_a_model_that_is_unstable_or_another_machine():
@@ -267,7 +280,7 @@ def test_a_span_holds_samples_at_its_very_ends():
     """Also where begin + intervals * step is rounded to less than its end."""
     rng = np.random.default_rng(1)
     for begin, length in rng.uniform(0.001, 0.4, (200, 2)).tolist():
-        span = Span(begin, begin + length, 97, 0.1 * length)
+        span = Span(begin, begin + length, 97, 0.1 * length, 0.1 * length)
         places = np.linspace(span.begin, span.end, 500)
         places[-1] = span.end
         fitted = Correction.fitted((span,), places, np.ones((500, 3)) * 1e-6)

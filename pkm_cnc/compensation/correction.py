@@ -38,11 +38,16 @@ away 1e-8 of what is 30 knots long, and decides where there are no data."""
 
 @dataclass(frozen=True)
 class Span:
-    """From `begin` to `end` (m along the contour) the tool moves without a stop; `fade` in m."""
+    """From `begin` to `end` (m along the contour) the tool moves without a stop.
+
+    `ramp`, m, is the way that it takes to come to its feed or to rest, and behind `fade`, m, what it still does of the
+    motion before is forgotten: at least by as much the correction fades at either end.
+    """
 
     begin: float
     end: float
     intervals: int
+    ramp: float
     fade: float
 
     @property
@@ -77,8 +82,10 @@ def spans_of(contour: Toolpath, motion: MotionParameters, kv: float, spacing: fl
             continue
         end = start + element.length
         intervals = max(LEAST, round((end - begin) / spacing))
-        fade = feed * feed / (2.0 * motion.acceleration) + (0.0 if motion.wait_in_position else FADE_LAGS * feed / kv)
-        spans.append(Span(begin, end, intervals, min(fade, FADE_PART * (end - begin))))
+        ramp = feed * feed / (2.0 * motion.acceleration)
+        fade = ramp + (0.0 if motion.wait_in_position else FADE_LAGS * feed / kv)
+        longest = FADE_PART * (end - begin)
+        spans.append(Span(begin, end, intervals, min(ramp, longest), min(fade, longest)))
         begin = None
     return tuple(spans)
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pkm_cnc.compensation.correction import Correction, across
 from pkm_cnc.compensation.drive_inverse import drive_inverse
+from pkm_cnc.compensation.mirror import mirrored
 from pkm_cnc.compensation.observation import Observation
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError, UnreachableError
@@ -59,13 +60,13 @@ class Method(NamedTuple):
 
 
 def _mirror(situation: Situation) -> Correction:
-    """c -= gain * e: every error vector at its place on the contour, to the other side."""
-    parts = []
-    for run in situation.runs:
-        s, vectors = run.error_vectors()
-        parts.append((s, across(vectors, _tangents(situation.contour, s, [error.segment for error in run.errors]))))
-    error = _together(situation, parts)
-    return situation.correction.plus(error, -situation.gain)
+    """c += gain * d, d the change that the drives turn into the errors' mirror image."""
+    tangents = [
+        _tangents(situation.contour, run.error_vectors()[0], [error.segment for error in run.errors])
+        for run in situation.runs
+    ]
+    found = mirrored(situation.model, situation.correction, situation.runs, tangents)
+    return situation.correction.plus(found.plus(situation.correction, -1.0), situation.gain)
 
 
 def _ilc(situation: Situation) -> Correction:

@@ -27,7 +27,7 @@ from pkm_cnc.servo import equivalent_delay
 from pkm_cnc.simulation import simulate
 from pkm_cnc.topics import recorded_topics
 
-__all__ = ["EXPERIMENT", "floor", "recorded_run"]
+__all__ = ["EXPERIMENT", "floor", "recorded_run", "repeated"]
 
 MISMATCH = 23.64 / 20.0
 """1. Kv of the machine by that of the model: what thesis 7.6 identified, by what it had assumed."""
@@ -114,11 +114,23 @@ def recorded_run(setup: Setup, program: Program) -> Run:
 
 
 def floor(runs: Sequence[Evaluation]) -> tuple[float, float]:
-    """Largest and RMS distance, m, of repeated runs from their mean: what no correction of a program can take away."""
+    """Largest and RMS distance, m, of repeated runs from their mean, over what is judged: no program takes it away."""
     count = min(len(run.errors) for run in runs)
     vectors = np.array([[error[:3] for error in run.errors[:count]] for run in runs])
     away = np.sqrt(((vectors - vectors.mean(axis=0)) ** 2).sum(axis=2))
-    return float(away.max()), float(np.sqrt((away**2).sum() / ((len(runs) - 1) * count)))
+    contour = Toolpath(tuple(runs[0].elements))
+    figures = [
+        judged([error._replace(magnitude=size) for error, size in zip(run.errors, sizes, strict=False)], contour)
+        for run, sizes in zip(runs, away.tolist(), strict=True)
+    ]
+    squares = sum(one.rms**2 for one in figures)
+    return max(one.largest for one in figures), float(np.sqrt(squares / (len(runs) - 1)))
+
+
+def repeated(setup: Setup, repeat: int) -> Setup:
+    """`setup` with other noise at its scales: no run of a machine has the noise of the one before."""
+    seeds = {f"{axis}.scale.seed": parts.scale.seed + repeat for axis, parts in setup.axes.items()}
+    return setup_from_parameters({**{key: value for key, (value, _) in setup.parameters.items()}, **seeds})
 
 
 def _methods(setup: Setup) -> list[Method]:
@@ -184,7 +196,8 @@ def _run(lab: Lab, options: Options) -> Findings:
             "refuses, or a run that faults, has its reason.",
             f"The model is the machine as its controller believes it. Kv 18 % off: drives of {MISMATCH:g} times that "
             "Kv. As it is: the machine file, with what its controller does not know.",
-            f"Floor: largest and RMS distance of {REPEATS} runs with different noise from their mean.",
+            f"Floor: largest and RMS distance of {REPEATS} runs with different noise from their mean; every run that "
+            "is learnt from has another noise, too.",
         ],
     )
 
@@ -227,11 +240,12 @@ def _outcome(
             if (name, method.name) not in known:
                 known[name, method.name] = compensate(model, program, method.name).program
             program = known[name, method.name]
-        for _ in range(passes if method.from_bags else 0):
-            run = recorded_run(actual, program)
+        passes = passes if method.from_bags else 0
+        for number in range(passes):
+            run = recorded_run(repeated(actual, number), program)
             by_pass.append(_judged(evaluate(run)).rms)
             program = compensate(model, program, method.name, bags=[run]).program
-        run = recorded_run(_with(actual, method.overrides) if method.overrides else actual, program)
+        run = recorded_run(repeated(_with(actual, method.overrides), passes), program)
     except PkmError as error:
         return Outcome(machine, name, method, reason=str(error))
     evaluation = evaluate(run)
@@ -258,11 +272,7 @@ def _floor(setup: Setup, program: Program) -> tuple[float, float] | None:
     """Largest and RMS, um; None for a machine without noise."""
     if not any(parts.scale.noise for parts in setup.axes.values()):
         return None
-    runs = []
-    for repeat in range(REPEATS):
-        seeds = {f"{axis}.scale.seed": parts.scale.seed + repeat for axis, parts in setup.axes.items()}
-        values: dict[str, object] = {key: value for key, (value, _) in setup.parameters.items()}
-        runs.append(evaluate(recorded_run(setup_from_parameters({**values, **seeds}), program)))
+    runs = [evaluate(recorded_run(repeated(setup, repeat), program)) for repeat in range(REPEATS)]
     largest, rms = floor(runs)
     return 1e6 * largest, 1e6 * rms
 
