@@ -84,7 +84,7 @@ class CheckedProgram:
         check.finish()
 
 
-def prepare(setup: Setup, program: Program, from_line: int = 0) -> CheckedProgram:
+def prepare(setup: Setup, program: Program, from_line: int = 0, toolpath: Toolpath | None = None) -> CheckedProgram:
     """Interpret a program for a machine and check all of it, a portion at a time.
 
     Every element is checked along its length against workspace, singularities and drive travel, and so is what rounds
@@ -92,8 +92,9 @@ def prepare(setup: Setup, program: Program, from_line: int = 0) -> CheckedProgra
     will have it, and there speed and acceleration of the drives, whose limits the planner keeps elsewhere by going
     slower; but not with motion.wait_in_position, because how long a run waits is not known before: it faults by itself.
 
-    `from_line`: from that line on, see `ProgramSource`. Raises ProgramError for what cannot be read, InputError for
-    what the machine cannot reach, naming program, line, strut or axis, the place and by how much.
+    `from_line`: from that line on, see `ProgramSource`; `toolpath`: what that reads, where it is known. Raises
+    ProgramError for what cannot be read, InputError for what the machine cannot reach, naming program, line, strut or
+    axis, the place and by how much.
     """
     if from_line < 0:
         raise InputError(f"from_line {from_line}: lines of part programs are counted from 1; 0 = all of it")
@@ -101,7 +102,7 @@ def prepare(setup: Setup, program: Program, from_line: int = 0) -> CheckedProgra
     check, totals = _Check(setup, program.name), Totals()
 
     def checked() -> Iterator[Element | Event]:
-        for item in source.items():
+        for item in source.items() if toolpath is None else toolpath.items():
             totals.add(item)
             if not isinstance(item, Event):
                 check.add(item.line, item)
@@ -178,7 +179,7 @@ def _points(shapes: Sequence[Shape], places: Sequence[range], steps: Sequence[in
     which = np.repeat(np.arange(len(shapes)), [len(part) for part in places])
     lengths, counts = np.array([shape.length for shape in shapes]), np.array(steps)
     s = lengths[which] * np.concatenate([np.arange(part.start, part.stop) for part in places]) / counts[which]
-    return frames_of(shapes, which, s)[0].T
+    return np.asarray(frames_of(shapes, which, s)[0].T)
 
 
 def _check_points(setup: Setup, where: str, points: NDArray[np.float64]) -> None:

@@ -138,6 +138,7 @@ class _Work:
         self.original = carried_original(program) or program
         prepare(setup, program)
         self.toolpath = toolpath_of(setup, program)
+        self.path_of_original = self.toolpath if self.original is program else toolpath_of(setup, self.original)
         self.contour = self.toolpath.contour
         kv = min(parts.drive.kv for parts in setup.axes.values())
         self.spans = spans_of(self.contour, setup.motion, kv, options.spacing_mm * 1e-3)
@@ -146,29 +147,32 @@ class _Work:
         self.correction = self._carried()
 
     def from_model(self, name: str) -> Compensated:
-        run = first = self._run(self.given)
+        run = first = self._run(self.given, self.toolpath)
         before = judged(run.errors, self.contour)
         correction, done = self.correction, []
-        best: tuple[float, Program, Observation] | None = None
+        best: tuple[float, Program, Toolpath, Observation] | None = None
         for _ in range(self.options.iterations if self.method.learns else 1):
             correction = self.method.learn(self._situation(correction, [run]))
             program = self._written(correction, f"by {name} from the model")
-            run = self._run(program)
+            toolpath = toolpath_of(self.setup, program)
+            run = self._run(program, toolpath)
             done.append(Pass(correction.size(), judged(run.errors, self.contour)))
             size = done[-1].figures.largest
             last = done[-2].figures.largest if len(done) > 1 else before.largest
             if best is None or size < best[0]:
-                best = (size, program, run)
+                best = (size, program, toolpath, run)
             if not abs(last - size) > self.options.until_um * 1e-6 or size > 2.0 * last:
                 break
         assert best is not None
-        if best[0] > before.largest:
+        smallest, program, toolpath, run = best
+        if smallest > before.largest:
             raise InputError(
-                f"{self.given.name}: {name} makes the largest error {best[0] * 1e6:.4g} um from "
+                f"{self.given.name}: {name} makes the largest error {smallest * 1e6:.4g} um from "
                 f"{before.largest * 1e6:.4g} um: a smaller gain or a lower feed helps"
             )
-        chosen = next(place for place, one in enumerate(done) if one.figures.largest == best[0])
-        return Compensated(best[1], self._checked(best[1], first, best[2]), before, tuple(done), chosen)
+        chosen = next(place for place, one in enumerate(done) if one.figures.largest == smallest)
+        self._check(program, toolpath, first, run)
+        return Compensated(program, toolpath, before, tuple(done), chosen)
 
     def from_bags(self, runs: list[Observation], name: str) -> Compensated:
         """One pass; predicted is what the model says of the change, added to what the bags hold."""
@@ -176,9 +180,10 @@ class _Work:
         before = judged(errors, self.contour)
         correction = self.method.learn(self._situation(self.correction, runs))
         program = self._written(correction, f"by {name} from bags: {len(runs)}")
-        old, new = self._run(self.given), self._run(program)
+        toolpath = toolpath_of(self.setup, program)
+        old, new = self._run(self.given, self.toolpath), self._run(program, toolpath)
         figures = self._predicted(runs, old, new)
-        toolpath = self._checked(program, old, new)
+        self._check(program, toolpath, old, new)
         return Compensated(program, toolpath, before, (Pass(correction.size(), figures),), 0)
 
     def _predicted(self, runs: list[Observation], old: Observation, new: Observation) -> ErrorFigures:
@@ -200,16 +205,16 @@ class _Work:
     def _situation(self, correction: Correction, runs: list[Observation]) -> Situation:
         return Situation(self.contour, self.model, correction, runs, self.options.gain, self.options.cutoff_hz)
 
-    def _run(self, program: Program) -> Observation:
+    def _run(self, program: Program, toolpath: Toolpath) -> Observation:
         try:
-            return observe(self.model, program)
+            return observe(self.model, program, toolpath)
         except (MachineFault, UnreachableError) as fault:
             raise InputError(f"{self.given.name}: the model cannot run it: {fault}") from None
 
     def _written(self, correction: Correction, how: str) -> Program:
         text = compensated_program(
             self.original,
-            toolpath_of(self.setup, self.original).items(),
+            self.path_of_original.items(),
             correction,
             zero=self.setup.program_zero,
             tolerance=self.options.tolerance_um * 1e-6,
@@ -234,10 +239,10 @@ class _Work:
         places = np.array([error.path_length for error in errors])
         return Correction.fitted(self.spans, places, vectors, faded=True)
 
-    def _checked(self, program: Program, before: Observation, after: Observation) -> Toolpath:
-        """The toolpath, checked like any other, and where the correction is full not slower than the original."""
+    def _check(self, program: Program, toolpath: Toolpath, before: Observation, after: Observation) -> None:
+        """The program, like any other, and that it is not slower than the original where the correction is full."""
         try:
-            prepare(self.setup, program)
+            prepare(self.setup, program, toolpath=toolpath)
         except InputError as error:
             raise InputError(f"compensated, {error}") from None
         steady = self.correction.settled(before.s) & (before.reached >= 1.0 - SLOWER)
@@ -249,4 +254,3 @@ class _Work:
                 f"{self.given.name}:{line}: compensated, the tool would have to slow down by {lost[row] * 100.0:.3g} % "
                 "of its feed to keep the limits of TCP and drives (motion, limits): a lower feed leaves them room"
             )
-        return toolpath_of(self.setup, program)

@@ -48,7 +48,7 @@ def _numbers(element: Element) -> tuple[float, ...]:
     return *element.start, *element.end, element.length, *center, *element.spoke, element.turning, element.climb
 
 
-def _on_lines(numbers: Array, s: Array) -> tuple[Sequence[Any], ...]:
+def _on_lines(numbers: Array, s: Array) -> tuple[Any, Any, Any]:
     tangent = numbers[7:10]
     return numbers[:3] + s * tangent, tangent, (0.0, 0.0, 0.0)
 
@@ -57,5 +57,6 @@ def _on_arcs(plane: Plane, numbers: Array, s: Array) -> Iterator[Sequence[Any]]:
     length, a, b, c, x, y, turning, climb = numbers[6:]
     angles = (np.minimum(s, length) * turning).tolist()
     cosine, sine = (np.array([*map(function, angles)]) for function in (math.cos, math.sin))
-    spoke = (np.where(s > 0.0, there, here) for there, here in zip(turned((x, y), cosine, sine), (x, y), strict=True))
-    return (plane.vector(*components) for components in on_arc((a, b, c), tuple(spoke), turning, climb, s))
+    there = turned((x, y), cosine, sine)
+    spoke = np.where(s > 0.0, there[0], x), np.where(s > 0.0, there[1], y)
+    return (plane.vector(*components) for components in on_arc((a, b, c), spoke, turning, climb, s))
