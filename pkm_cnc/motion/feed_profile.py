@@ -100,7 +100,7 @@ class FeedProfile:
         self._phases = [np.array(column) for column in zip(*phases, strict=True)]
         self._end = len(cells) - 1, cells[-1].length, math.sqrt(squares[-1]), 0.0
 
-    def at(self, t: NDArray[Any] | float) -> tuple[NDArray[np.intp], Array, Array, Array]:
+    def at(self, t: NDArray[Any]) -> tuple[NDArray[np.intp], Array, Array, Array]:
         """Cell, path length from the cell's start (m), path speed (m/s) and acceleration (m/s^2) at t >= 0 s, (k,).
 
         From `duration` on it is the end, exactly. The path length is counted within the cell, so that it is as exact
