@@ -210,10 +210,12 @@ class Arc:
     spoke: tuple[float, float] = field(init=False, repr=False, compare=False)
     turning: float = field(init=False, repr=False, compare=False)
     climb: float = field(init=False, repr=False, compare=False)
+    _middle: Vector = field(init=False, repr=False, compare=False)  # the center in coordinates of the plane
 
     def __post_init__(self) -> None:
         a, b, c = self.plane.coordinates(self.start)
-        center_a, center_b, _ = self.plane.coordinates(self.center)
+        middle = self.plane.coordinates(self.center)
+        center_a, center_b, _ = middle
         x, y, rise = a - center_a, b - center_b, self.plane.coordinates(self.end)[2] - c
         radius = math.sqrt(x * x + y * y)
         length = radius * abs(self.sweep)
@@ -226,6 +228,7 @@ class Arc:
         object.__setattr__(self, "spoke", (x, y))
         object.__setattr__(self, "turning", turning)
         object.__setattr__(self, "climb", climb)
+        object.__setattr__(self, "_middle", middle)
 
     def position(self, s: float) -> Vector:
         """Point at path length `s` (m), exactly `start` at and before 0, exactly `end` at and after `length`."""
@@ -246,8 +249,7 @@ class Arc:
             angle = min(s, self.length) * self.turning
             spoke = turned(spoke, math.cos(angle), math.sin(angle))
         vector = self.plane.vector
-        center = self.plane.coordinates(self.center)
-        position, tangent, curvature = on_arc(center, spoke, self.turning, self.climb, s)
+        position, tangent, curvature = on_arc(self._middle, spoke, self.turning, self.climb, s)
         point = self.start if s <= 0.0 else self.end if s >= self.length else vector(*position)
         return point, vector(*tangent), vector(*curvature)
 
@@ -261,7 +263,7 @@ class Arc:
         of it: `near`, clamped.
         """
         a, b, c = self.plane.coordinates(point)
-        center_a, center_b, center_c = self.plane.coordinates(self.center)
+        center_a, center_b, center_c = self._middle
         dx, dy = a - center_a, b - center_b
         x, y = self.spoke
         angle = math.atan2(x * dy - y * dx, x * dx + y * dy)
