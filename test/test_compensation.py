@@ -286,6 +286,8 @@ def test_a_model_that_is_unstable_or_another_machine():
 
 def test_nothing_to_compensate():
     assert "rapids alone" in refused(TRIPOD, Program("p", "G0 X10\nM2\n"))
+    short = refused(TRIPOD, Program("p", "G61.1 F9000\nG1 X10\nY10\nM2\n"))
+    assert "the longest way between two stops, 10 mm, is too short" in short
 
 
 def test_options_are_bounded():
