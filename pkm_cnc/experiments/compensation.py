@@ -49,9 +49,9 @@ G3 X-30 Y-20 I10 J0
 G0 X-15 Y0
 G1 Z-3
 G1 X15
-G2 X15 Y8 I0 J4
+G3 X15 Y8 I0 J4
 G1 X-15
-G2 X-15 Y0 I0 J-4
+G3 X-15 Y0 I0 J-4
 M2
 """
 SQUARE = "(a square with sharp corners)\nG21 G90\nG1 X40 F{feed:.0f}\nY40\nX0\nY0\nM2\n"
@@ -220,7 +220,7 @@ def _programs(setup: Setup, feed: float) -> dict[str, str]:
         acceleration_mm_s2=setup.motion.acceleration * 1e3,
     )
     star = star_program(feed, [0.0, 15.0, 45.0, 75.0], (0.0, 0.0), 100.0)
-    return {"star": star, "circle": circle, "square": SQUARE.format(feed=feed), "plate": PLATE.format(feed=0.25 * feed)}
+    return {"star": star, "circle": circle, "square": SQUARE.format(feed=feed), "plate": PLATE.format(feed=0.4 * feed)}
 
 
 def _outcome(
