@@ -21,23 +21,14 @@ from pkm_cnc.bag import Run
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.evaluation import setup_of
-from pkm_cnc.kinematics import Machine
+from pkm_cnc.kinematics import NOT_AS_DRAWN, Machine
 
 __all__ = ["UNKNOWNS", "Circle", "Measurements", "Positions", "positions_of_run", "read_measurements"]
 
 Array = NDArray[np.float64]
 
-UNKNOWNS = (
-    "inclination",
-    "tcp_offset",
-    "slider_offset",
-    "strut_length_error",
-    "base_offset",
-    "base_radius_error",
-    "azimuth_error",
-    "base_height",
-)
-"""Parameters of a geometry that a calibration looks for, where the machine has them: what no drawing says."""
+UNKNOWNS = NOT_AS_DRAWN
+"""Parameters of a geometry that a calibration looks for."""
 UNITS = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 BAG_ROWS = 500
 """Cycles taken from a bag, evenly spread: neighbouring cycles say the same."""
