@@ -115,8 +115,8 @@ def compensate(
     """The compensated program for a machine as its controller knows it (`setup`).
 
     The errors are those of runs of the machine that `model` describes (`model_of`; default: `setup` as its controller
-    knows it) or, where `bags` are given, those recorded there, taken together. A program that is compensated already is compensated further. Raises
-    InputError for what cannot be compensated, with the reason.
+    knows it) or, where `bags` are given, those recorded there, taken together. A program that is compensated already is
+    compensated further. Raises InputError for what cannot be compensated, with the reason.
     """
     believed = nominal(setup) if model is None else model_of(setup, model)
     work = _Work(setup, program, METHODS[method], believed, options or CompensationOptions())
