@@ -11,6 +11,7 @@ import pytest
 from pkm_cnc.config import load_setup, setup_from_text
 from pkm_cnc.errors import InputError
 from pkm_cnc.identification import (
+    Believed,
     Bench,
     Circle,
     Positions,
@@ -206,7 +207,9 @@ def test_networks_find_the_monopod_to_a_percent_in_seven_iterations():
     np.testing.assert_allclose(values(found.calibration), (GAMMA, DX, DU), rtol=0.01)
     assert found.history.shape == (8, 12)
     assert np.ptp(found.history[-1]) < 1e-3 * np.ptp(found.history[0])
-    assert [network.name for network in found.networks] == [one.key for one in unknowns_of(MONOPOD.kinematics)]
+    assert [network.name for network in found.networks] == [
+        one.key for one in unknowns_of(Believed(MONOPOD.kinematics))
+    ]
 
 
 def test_networks_are_repeatable_and_their_spread_is_beside_the_intervals():
@@ -353,7 +356,8 @@ def test_what_is_no_positioning_test_is_refused(deviations):
 
 
 def test_the_bench_has_the_reversal_error_and_the_noise_that_it_was_given():
-    truth = with_values(MONOPOD.kinematics, unknowns_of(MONOPOD.kinematics), np.array((GAMMA, DX, DU)))
+    nominal = Believed(MONOPOD.kinematics)
+    truth = with_values(nominal, unknowns_of(nominal), np.array((GAMMA, DX, DU))).machine
     test = Bench(truth, 12e-6, 5e-6).test(MONOPOD.kinematics, TARGETS, 200, np.random.default_rng(1))
     found = positioning(test.deviations)
     assert found.reversal == pytest.approx(12e-6, rel=0.05)
