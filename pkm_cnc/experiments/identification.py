@@ -30,10 +30,9 @@ from pkm_cnc.experiments._machine import require_plane
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab
 from pkm_cnc.identification import (
     IDENTIFIED,
-    AxisData,
     Calibration,
+    ContourData,
     DriveFit,
-    DriveUnknown,
     Positions,
     calibrate,
     calibrate_by_networks,
@@ -80,7 +79,7 @@ class Identified:
     method: str
     setup: Setup
     calibration: Calibration
-    fits: tuple[DriveFit, ...]
+    drives: DriveFit
 
 
 @dataclass(frozen=True)
@@ -116,29 +115,24 @@ def unseen_programs(setup: Setup) -> dict[str, str]:
 def identified(controller: Setup, runs: Sequence[Run], method: str, seed: int = 0) -> Identified:
     """Geometry and drives of the machine that recorded `runs` under `controller`, by one of `METHODS`.
 
-    Raises InputError as `calibrate` and `fit_drives` do.
+    First the geometry, and the tilt on a machine in space, from scales and TCP; then, in that geometry, the drives from
+    the contour errors, as thesis 7.6 does. Raises InputError as `calibrate` and `fit_drives` do.
     """
     parts = [positions_of_run(run, controller) for run in runs]
     positions = Positions(np.concatenate([part.joints for part in parts]), np.concatenate([part.tcp for part in parts]))
-    drives = [drive_run(run, controller) for run in runs]
+    contour = ContourData([drive_run(run, controller) for run in runs])
     tilt = tuple(controller.kinematics.coordinates) == ("x", "y", "z")
-    fits = []
     if method == "networks":
         calibration = calibrate_by_networks(controller.kinematics, positions, seed=seed, tilt=tilt).calibration
     else:
         calibration = calibrate(controller.kinematics, positions, tilt=tilt)
-    for axis in controller.axes:
-        data = AxisData(axis, drives)
-        if method == "networks":
-            fits.append(fit_drives_by_networks(controller, _unknowns(controller, axis), data, seed=seed)[0])
-        else:
-            fits.append(fit_drives(controller, _unknowns(controller, axis), data))
-    believed = identified_setup(calibrated_setup(controller, calibration), fits)
-    return Identified(method, believed, calibration, tuple(fits))
-
-
-def _unknowns(setup: Setup, axis: str) -> list[DriveUnknown]:
-    return [one for one in drive_unknowns(setup, [axis]) if one.name not in SETTINGS]
+    believed = model_of(controller, calibrated_setup(controller, calibration))
+    unknowns = [one for one in drive_unknowns(believed, list(believed.axes)) if one.name not in SETTINGS]
+    if method == "networks":
+        fit, _ = fit_drives_by_networks(believed, unknowns, contour, seed=seed)
+    else:
+        fit = fit_drives(believed, unknowns, contour)
+    return Identified(method, identified_setup(believed, [fit]), calibration, fit)
 
 
 def _run(lab: Lab, options: Options) -> Findings:
@@ -242,8 +236,8 @@ def _remarks() -> list[str]:
         f"Kv 18 % off: the machine as its controller believes it, but with drives of {MISMATCH:g} times that Kv. As it "
         "is: the machine file, with what its controller does not know.",
         "The controller stays what it is. A model has geometry and tilt as calibrated from drive scales and TCP of "
-        "the runs, and the drives that were identified from setpoints and scales. Feed-forwards are settings of the "
-        "controller and known.",
+        "the runs, and in that geometry the drives as identified from the contour errors, as in thesis 7.6. "
+        "Feed-forwards are settings of the controller and known; where there is no interval the data did not tell.",
         f"Its own bag: mirror from a run of the judged program itself. Noise alone: largest and RMS distance of "
         f"{REPEATS} runs with different noise from their mean.",
         "The intervals count what is left as noise. Friction, backlash and load act alike in every run: where a "
@@ -313,15 +307,14 @@ def _drive_rows(machines: dict[str, Setup], models: dict[str, list[Identified]])
         }
         for name, found in models.items()
         for model in found
-        for fit in model.fits
-        for estimate in fit.estimates
+        for estimate in model.drives.estimates
     ]
 
 
 def _drive_table(machines: dict[str, Setup], models: dict[str, list[Identified]]) -> Table:
     rows = _drive_rows(machines, models)
     columns = ("machine", "method", "parameter", "unit", "believed", "estimate", "+- (95 %)", "machine has")
-    return Table("Drives, from setpoints and scales of the seen runs", columns, [list(row.values()) for row in rows])
+    return Table("Drives, from the contour errors of the seen runs", columns, [list(row.values()) for row in rows])
 
 
 def _geometry_table(models: dict[str, list[Identified]], left: dict[tuple[str, str], tuple[float, float]]) -> Table:

@@ -172,7 +172,7 @@ class ContourData:
         tcp = []
         for run in self.runs:
             sliders = [self._slider(model, run, axis) for axis in model.axes]
-            tcp.append(model.machine.forward(np.stack(sliders, axis=-1)))
+            tcp.append(model.true_tcp(np.stack(sliders, axis=-1)))
         return self._errors(tcp)
 
     def _slider(self, model: Setup, run: DriveRun, axis: str) -> Array:
