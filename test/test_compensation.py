@@ -1,6 +1,7 @@
 """Compensation: what each method takes away, from models and from bags, and what is refused."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from pkm_cnc.array_path import linear, respond
 from pkm_cnc.bag import BagWriter, read_run
 from pkm_cnc.check import prepare
 from pkm_cnc.compensation import METHODS, CompensationOptions, compensate
-from pkm_cnc.compensation.correction import Correction, Span, across
+from pkm_cnc.compensation.correction import CLOSE, SMOOTH, Correction, Span, across
 from pkm_cnc.compensation.drive_inverse import drive_inverse
 from pkm_cnc.compensation.nominal import nominal
 from pkm_cnc.compensation.observation import judged, observe
@@ -69,13 +70,25 @@ def test_a_fast_circle_by_mirror_pass_by_pass():
     assert (first < 1.5, second < 0.03, third < 0.002) == (True, True, True)
 
 
-def test_a_star_line_from_rest_to_rest_by_mirror():
-    result = compensate(
-        RESTING, star(headings=(30.0,), length=200.0), options=CompensationOptions(iterations=2, until_um=0.0)
-    )
+@pytest.mark.parametrize("setup", [TRIPOD, RESTING], ids=["default", "at rest between"])
+@pytest.mark.parametrize("feed", [3000.0, 9000.0])
+def test_a_star_by_mirror(setup, feed):
+    """What it leaves must be below 0.1 um after one pass and 0.01 after two: it is below that after one."""
+    program = star(feed, headings=(30.0, 90.0), length=200.0)
+    result = compensate(setup, program, options=CompensationOptions(iterations=2, until_um=0.0))
     first, second = passes_um(result)
-    assert first < 0.1
-    assert second < 0.01
+    assert 1e6 * result.before.largest > 7.0
+    assert first < 0.002
+    assert second < 0.002
+
+
+def test_an_arc_between_stops_is_right_all_along():
+    """But for the last few mm, where the setpoint rests already."""
+    program = Program("arc.ngc", "G21 G90 G17 G61.1\nG0 X50 Y0\nG3 X-50 Y0 I-50 J0 F6000\nM2\n")
+    result = compensate(RESTING, program, options=CompensationOptions(iterations=2, until_um=0.0))
+    assert 1e6 * result.before.largest > 200.0
+    assert result.after.rms < 0.12 * result.before.rms
+    assert result.after.largest < 0.5 * result.before.largest
 
 
 @pytest.mark.parametrize("method", sorted(METHODS))
@@ -97,6 +110,18 @@ def test_a_model_that_is_wrong_and_bags_that_are_right(tmp_path):
         run = record(tmp_path / f"bag{number}", FASTER, program)
         program = compensate(TRIPOD, program, bags=[run], options=CompensationOptions(iterations=1)).program
     assert largest_um(FASTER, program) < 0.03 * before
+
+
+@pytest.mark.parametrize("method", ["mirror", "ilc"])
+def test_passes_over_bags_do_not_grow(tmp_path, method):
+    program, sizes = circle(3000.0, 30.0), []
+    for number in range(4):
+        run = record(tmp_path / f"bag{number}", FASTER, program)
+        result = compensate(TRIPOD, program, method, bags=[run], options=CompensationOptions(iterations=1))
+        program = result.program
+        sizes.append(result.passes[-1].correction)
+    assert largest_um(FASTER, program) < 0.2
+    assert sizes[-1] < 1.1 * sizes[0]
 
 
 def test_what_is_predicted_from_a_bag(tmp_path):
@@ -130,22 +155,29 @@ def test_the_model_knows_what_the_controller_knows():
 
 
 def span(length=0.1, fade=0.01):
-    return Span(0.0, length, round(length / 2e-3), fade)
+    return Span(0.0, length, round(length / 2e-3), fade, fade)
 
 
 def test_a_smooth_error_is_found_between_the_ends():
     s = np.linspace(0.0, 0.1, 1500)
 
     def wanted(s):
-        return 1e-4 * np.stack([np.sin(s / 0.02), np.cos(s / 0.015), s / 0.1], axis=1)
+        fading = (40.0 * s * (1.0 - 10.0 * s))[:, None] ** 3  # with two derivatives, as what is learnt of stops
+        return 1e-4 * fading * np.stack([np.sin(s / 0.02), np.cos(s / 0.015), s / 0.1], axis=1)
 
     found = Correction.fitted((span(),), s, wanted(s))
-    middle = np.linspace(0.016, 0.084, 50)
-    np.testing.assert_allclose(found.at(middle), wanted(middle), atol=3e-9)
+    np.testing.assert_allclose(found.at(s), wanted(s), atol=1e-8)
     ends = np.array([0.0, 0.1])
     for derivative in (0, 1, 2):
         np.testing.assert_allclose(found.at(ends, derivative), 0.0, atol=1e-15)
     assert found.at(np.array([-1e-9, 0.1 + 1e-9])).tolist() == [[0.0] * 3] * 2
+
+
+@pytest.mark.parametrize("weight", [CLOSE, SMOOTH])
+def test_a_gap_is_bridged_without_detours(weight):
+    s = np.concatenate([np.linspace(0.02, 0.045, 400), np.linspace(0.055, 0.08, 400)])
+    found = Correction.fitted((span(),), s, np.full((800, 3), 1e-4), weight)
+    assert float(np.abs(found.at(np.linspace(0.0, 0.1, 1000))).max()) < 1.1e-4
 
 
 def test_runs_are_averaged():
@@ -241,7 +273,7 @@ def test_a_program_that_would_have_to_slow_down():
     tight = load_setup("tripod", [f"limits.velocity={fastest * 1.0001!r}"])
     reason = refused(tight, program, options=CompensationOptions(iterations=1))
     assert reason.startswith("circle.ngc:")
-    assert "compensated, the tool would have to slow down by 0.6" in reason
+    assert re.search(r"compensated, the tool would have to slow down by 0\.[5-9]\d* %", reason)
 
 
 def test_a_model_that_is_unstable_or_another_machine():
@@ -267,8 +299,8 @@ def test_a_span_holds_samples_at_its_very_ends():
     """Also where begin + intervals * step is rounded to less than its end."""
     rng = np.random.default_rng(1)
     for begin, length in rng.uniform(0.001, 0.4, (200, 2)).tolist():
-        span = Span(begin, begin + length, 97, 0.1 * length)
+        span = Span(begin, begin + length, 97, 0.1 * length, 0.1 * length)
         places = np.linspace(span.begin, span.end, 500)
         places[-1] = span.end
         fitted = Correction.fitted((span,), places, np.ones((500, 3)) * 1e-6)
-        assert fitted.size() == pytest.approx(1e-6, rel=0.05)
+        np.testing.assert_allclose(fitted.at(places[200:300]), 1e-6, rtol=1e-3)

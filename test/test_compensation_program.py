@@ -49,6 +49,11 @@ def compensated(text=TEXT, size=50e-6, tolerance=1e-8):
     waves = size * np.stack([np.sin(s / 8e-3), np.cos(s / 9e-3), np.sin(s / 7e-3 + 1.0)], axis=1)
     tangents = np.array([tangent(contour, place) for place in s])
     waves -= (waves * tangents).sum(axis=1)[:, None] * tangents
+    for span in spans:
+        inside = (span.begin <= s) & (s <= span.end)
+        waves[inside] *= (
+            np.clip(np.minimum(s[inside] - span.begin, span.end - s[inside]) / 6e-3, 0.0, 1.0)[:, None] ** 3
+        )
     correction = Correction.fitted(spans, s, waves)
     written = compensated_program(program, contour.items(), correction, zero=ZERO, tolerance=tolerance)
     return Program("out.ngc", written), contour, correction

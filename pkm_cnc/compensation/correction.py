@@ -1,8 +1,8 @@
 """The correction of a contour: a vector across the direction of travel for every path length.
 
 The contour falls into spans, from stop to stop of the feed motion; rapids are left alone. On each span the correction
-is a cubic spline over equally spaced knots, so it is smooth: it has no loops or jumps that the contour has not. Its
-coefficients fade to zero towards both ends of a span, where it leaves the contour with its direction and curvature.
+is a cubic spline over equally spaced knots, so it is smooth: it has no loops or jumps that the contour has not. It is
+zero at both ends of a span with its first two derivatives: it leaves the contour in its direction and curvature.
 """
 
 from __future__ import annotations
@@ -14,35 +14,41 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pkm_cnc.compensation.smooth_fit import SmoothFit
 from pkm_cnc.motion import MotionParameters
 from pkm_cnc.program import Toolpath
 
-__all__ = ["Correction", "Span", "across", "spans_of"]
+__all__ = ["CLOSE", "SMOOTH", "Correction", "Span", "across", "spans_of"]
 
 Array = NDArray[np.float64]
 
 DEGREE = 3
 LEAST = 8
-"""Intervals of a span: fewer have no room between two faded ends."""
+"""Intervals of a span: fewer have no room between two ends that are zero."""
 FADE_LAGS = 2.5
-"""How far behind the ramp v^2/2a of a stop the correction is full, in distances v/Kv by which the tool lags, where the
+"""How far behind the ramp v^2/2a of a stop errors are learnt from, in distances v/Kv by which the tool lags, where the
 tool still moves when the next motion begins: by then 92 % of that is gone."""
 FADE_PART = 0.25
-"""1. Of a short span at most that much fades at either end."""
+"""1. Of a short span at most that much is left out at either end."""
 BLENDED = 0.35
 """rad. Under G64 elements that meet at a smaller angle approximate a curve."""
-PENALTY = 1e-6
-"""1. Weight of the second differences of the coefficients (P-spline of Eilers and Marx, 1996) against the data: takes
-away 1e-8 of what is 30 knots long, and decides where there are no data."""
+CLOSE, SMOOTH = 1e-6, 1e-3
+"""1. Weight of the second differences of the coefficients beside the number of samples a knot: of what is 30 knots
+long it takes away 2e-9 and 2e-6, of what is 6 knots long 1e-6 and 1e-3, and it decides where there are no samples."""
 
 
 @dataclass(frozen=True)
 class Span:
-    """From `begin` to `end` (m along the contour) the tool moves without a stop; `fade` in m."""
+    """From `begin` to `end` (m along the contour) the tool moves without a stop.
+
+    `ramp`, m, is the way that it takes to come to its feed or to rest; behind `fade`, m, what the tool still does of
+    the motion before is forgotten.
+    """
 
     begin: float
     end: float
     intervals: int
+    ramp: float
     fade: float
 
     @property
@@ -56,12 +62,10 @@ class Span:
         knots[-DEGREE - 1] = self.end  # rounding must not leave the last sample outside
         return knots
 
-    def weights(self) -> Array:
-        """How much of each coefficient (intervals + 3,) is kept: 1, and 0 for the three at either end."""
-        middles = self.step * np.arange(-1.0, self.intervals + 2)  # where the coefficients have their say
-        inside = np.minimum(middles, (self.end - self.begin) - middles)
-        x = np.clip((inside - self.step) / max(self.fade - self.step, 1e-12), 0.0, 1.0)
-        return np.asarray(x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
+    @property
+    def free(self) -> slice:
+        """Which of the coefficients (intervals + 3,) may differ from zero: not the three that reach an end."""
+        return slice(DEGREE, self.intervals)
 
 
 def spans_of(contour: Toolpath, motion: MotionParameters, kv: float, spacing: float) -> tuple[Span, ...]:
@@ -77,8 +81,10 @@ def spans_of(contour: Toolpath, motion: MotionParameters, kv: float, spacing: fl
             continue
         end = start + element.length
         intervals = max(LEAST, round((end - begin) / spacing))
-        fade = feed * feed / (2.0 * motion.acceleration) + (0.0 if motion.wait_in_position else FADE_LAGS * feed / kv)
-        spans.append(Span(begin, end, intervals, min(fade, FADE_PART * (end - begin))))
+        ramp = feed * feed / (2.0 * motion.acceleration)
+        fade = ramp + (0.0 if motion.wait_in_position else FADE_LAGS * feed / kv)
+        longest = FADE_PART * (end - begin)
+        spans.append(Span(begin, end, intervals, min(ramp, longest), min(fade, longest)))
         begin = None
     return tuple(spans)
 
@@ -108,18 +114,15 @@ class Correction:
         return Correction(spans, tuple(np.zeros((span.intervals + DEGREE, 3)) for span in spans))
 
     @staticmethod
-    def fitted(spans: tuple[Span, ...], s: Array, vectors: Array, faded: bool = False) -> Correction:
-        """The least-squares splines through `vectors` (n, 3), m, at path lengths `s` (n,), m, faded at the ends.
+    def fitted(spans: tuple[Span, ...], s: Array, vectors: Array, weight: float = CLOSE) -> Correction:
+        """The least-squares splines through `vectors` (n, 3), m, at path lengths `s` (n,), m.
 
-        `faded`: they are so already.
-
-        Several runs are averaged by giving all their samples. Vectors that are not finite do not count.
+        `weight` is that of their second differences, `CLOSE` where the samples leave no gaps, else `SMOOTH`. Several
+        runs are averaged by giving all their samples. Vectors that are not finite do not count.
         """
         good = np.isfinite(vectors).all(axis=1)
         s, vectors = s[good], vectors[good]
-        weights = [(span.weights() > 0.0) * 1.0 if faded else span.weights() for span in spans]
-        fits = (_fit(span, s, vectors) * weight[:, None] for span, weight in zip(spans, weights, strict=True))
-        return Correction(spans, tuple(fits))
+        return Correction(spans, tuple(_fit(span, s, vectors, weight) for span in spans))
 
     def plus(self, other: Correction, gain: float) -> Correction:
         """This and `gain` times another over the same spans."""
@@ -137,10 +140,10 @@ class Correction:
         return result
 
     def settled(self, s: Array) -> NDArray[np.bool_]:
-        """Which of the path lengths `s` (n,), m, are in a span and off its faded ends."""
+        """Which of the path lengths `s` (n,), m, are in a span, off its first `fade` and its last `ramp`."""
         result = np.zeros(len(s), dtype=bool)
         for span in self.spans:
-            result |= (span.begin + span.fade <= s) & (s <= span.end - span.fade)
+            result |= (span.begin + span.fade <= s) & (s <= span.end - span.ramp)
         return result
 
     def size(self) -> float:
@@ -148,30 +151,17 @@ class Correction:
         return max((float(np.abs(part).max()) for part in self.coefficients), default=0.0)
 
 
-def _fit(span: Span, s: Array, vectors: Array) -> Array:
+def _fit(span: Span, s: Array, vectors: Array, weight: float) -> Array:
     """Coefficients (intervals + 3, 3)."""
     from scipy.interpolate import BSpline
-    from scipy.linalg import solveh_banded
 
     inside = (span.begin <= s) & (s <= span.end)
-    count = span.intervals + DEGREE
-    if not inside.any():
-        return np.zeros((count, 3))
-    basis = BSpline.design_matrix(s[inside], span.knots(), DEGREE)
-    normal = (basis.T @ basis).todia()
-    banded = np.zeros((DEGREE + 1, count))  # upper form
-    for offset in range(DEGREE + 1):
-        banded[DEGREE - offset, offset:] = normal.diagonal(offset)
-    stiff = PENALTY * max(1.0, inside.sum() / count)
-    for weights, offset in (((1.0, 5.0, 6.0), 0), ((-2.0, -4.0, -4.0), 1), ((1.0, 1.0, 1.0), 2)):
-        diagonal = np.full(count - offset, weights[2])
-        diagonal[0] = diagonal[-1] = weights[0]
-        if offset == 0:
-            diagonal[1] = diagonal[-2] = weights[1]
-        banded[DEGREE - offset, offset:] += stiff * diagonal
-    banded[DEGREE] += 1e-9 * stiff  # all of it is defined even where the data lie in one interval
-    solved: Array = solveh_banded(banded, basis.T @ vectors[inside])
-    return solved
+    coefficients = np.zeros((span.intervals + DEGREE, 3))
+    if inside.any():
+        basis = BSpline.design_matrix(s[inside], span.knots(), DEGREE)[:, span.free]
+        fit = SmoothFit(basis.T @ basis, weight * max(1.0, inside.sum() / span.intervals))
+        coefficients[span.free] = fit.solve(basis.T @ vectors[inside])
+    return coefficients
 
 
 def across(vectors: Array, tangents: Sequence[Sequence[float]] | Array) -> Array:

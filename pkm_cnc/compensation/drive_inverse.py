@@ -12,18 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pkm_cnc.array_path import axis_loop, respond
+from pkm_cnc.array_path import axis_loop
+from pkm_cnc.compensation.drive_response import drive_responses
 from pkm_cnc.config import Setup
-from pkm_cnc.errors import InputError, MachineFault
+from pkm_cnc.errors import InputError
 
 __all__ = ["DriveInverse", "drive_inverse"]
 
 Array = NDArray[np.float64]
 
-STEP = 1e-3
-"""m. The step whose response is differenced."""
-SETTLED = 40.0
-"""1/Kv: the length of the response."""
 NEAR_MINUS_ONE = 0.9
 """1. Zeros with a negative real part beyond this ring at half the servo rate when they are cancelled."""
 
@@ -84,8 +81,7 @@ class DriveInverse:
 
 
 def drive_inverse(model: Setup) -> DriveInverse:
-    """Of the drives of `model`. Raises InputError for drives that are not linear, unstable or have feed-forward."""
-    responses = []
+    """Of the drives of `model`, taken as linear. Raises InputError where they are unstable or have feed-forward."""
     for axis, parts in model.axes.items():
         for name in ("velocity_feed_forward", "acceleration_feed_forward"):
             if getattr(parts.drive, name) != 0.0:
@@ -93,19 +89,8 @@ def drive_inverse(model: Setup) -> DriveInverse:
                     f"{axis}.drive.{name}: the inverse of the drives is that of the position loop alone: set it to 0, "
                     "or take --method mirror"
                 )
-        count = int(SETTLED / parts.drive.kv / model.servo_period)
-        step = np.full(count, STEP)
-        step[0] = 0.0
-        try:
-            answer = respond(model, axis, step, 0.0 * step, 0.0 * step).position / STEP
-        except MachineFault as fault:
-            raise InputError(f"the model is unstable: {fault}") from None
-        if not abs(answer[-1] - 1.0) < 1e-3:
-            raise InputError(f"the model is unstable: {axis} does not come to rest after a step")
-        responses.append(np.diff(answer, append=answer[-1]))
-    longest = max(map(len, responses))
-    table = np.array([np.pad(part, (0, longest - len(part))) / part.sum() for part in responses])
-    lags = table @ np.arange(longest)
+    table = drive_responses(model)
+    lags = table @ np.arange(table.shape[1])
     return DriveInverse(table, lags, model.servo_period, tuple(_zeros(model, axis) for axis in model.axes))
 
 

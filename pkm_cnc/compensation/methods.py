@@ -17,8 +17,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pkm_cnc.compensation.correction import Correction, across
+from pkm_cnc.compensation.correction import SMOOTH, Correction, across
 from pkm_cnc.compensation.drive_inverse import drive_inverse
+from pkm_cnc.compensation.mirror import mirrored
 from pkm_cnc.compensation.observation import Observation
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError, UnreachableError
@@ -59,34 +60,36 @@ class Method(NamedTuple):
 
 
 def _mirror(situation: Situation) -> Correction:
-    """c -= gain * e: every error vector at its place on the contour, to the other side."""
-    parts = []
-    for run in situation.runs:
-        s, vectors = run.error_vectors()
-        parts.append((s, across(vectors, _tangents(situation.contour, s, [error.segment for error in run.errors]))))
-    error = _together(situation, parts)
-    return situation.correction.plus(error, -situation.gain)
+    """c += gain * d, d the change that the drives turn into the errors' mirror image."""
+    tangents = [
+        _tangents(situation.contour, run.error_vectors()[0], [error.segment for error in run.errors])
+        for run in situation.runs
+    ]
+    found = mirrored(situation.model, situation.correction, situation.runs, tangents)
+    return situation.correction.plus(found.plus(situation.correction, -1.0), situation.gain)
 
 
 def _ilc(situation: Situation) -> Correction:
     """c += gain * J^-1 L J e, e the part of P[k] - actual TCP[k + m] across the contour.
 
     P is the place on the original contour. The learning filter L is the inverse of the drives. The part along the path
-    is left out before it: it stays, and the filter would bring some of it across.
+    is left out before it: it stays, and the filter would bring some of it across. What is fitted is c, not its change:
+    where nothing is learnt, near stops, it is the smooth way between what is learnt and zero, however many passes.
     """
     inverse = drive_inverse(situation.model)
     machine = situation.model.machine
-    parts = []
+    places, wanted = [], []
     for run in situation.runs:
         late = _delayed(run.actual, _delay(run))
         tangents = _tangents(situation.contour, run.s)
-        wanted = run.setpoint - situation.correction.at(run.s)
-        missing = across(wanted - machine.forward(late), tangents)
+        corrected = situation.correction.at(run.s)
+        missing = across(run.setpoint - corrected - machine.forward(late), tangents)
         asked = inverse.learning(_product(machine.jacobian(run.setpoint), missing), situation.cutoff)
         change = across(_product(machine.inverse_jacobian(run.setpoint), asked), tangents)
-        settled = situation.correction.settled(run.s)
-        parts.append((run.s[settled], change[settled]))
-    return situation.correction.plus(_together(situation, parts), situation.gain)
+        learnt = situation.correction.settled(run.s)
+        places.append(run.s[learnt])
+        wanted.append((corrected + situation.gain * change)[learnt])
+    return Correction.fitted(situation.correction.spans, np.concatenate(places), np.concatenate(wanted), SMOOTH)
 
 
 def _delay(run: Observation) -> float:
@@ -104,12 +107,6 @@ def _delayed(series: Array, delay: float) -> Array:
 
 def _product(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.einsum("kij,kj->ki", matrices, vectors))
-
-
-def _together(situation: Situation, parts: list[tuple[Array, Array]]) -> Correction:
-    """One fit through the samples, path lengths and vectors, of all runs."""
-    places, vectors = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Correction.fitted(situation.correction.spans, places, vectors)
 
 
 def _inverse(situation: Situation) -> Correction:

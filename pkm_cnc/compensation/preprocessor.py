@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pkm_cnc.bag import Run
 from pkm_cnc.check import prepare
@@ -181,13 +182,11 @@ class _Work:
 
     def _predicted(self, runs: list[Observation], old: Observation, new: Observation) -> ErrorFigures:
         """The errors of the bags with the change that the model makes of the one program for the other."""
-        change = Correction.fitted(self.spans, *new.error_vectors()).plus(
-            Correction.fitted(self.spans, *old.error_vectors()), -1.0
-        )
         errors = []
         for run in runs:
             s, vectors = run.error_vectors()
-            for error, (x, y, z) in zip(run.errors, (vectors + change.at(s)).tolist(), strict=True):
+            change = _at(s, *new.error_vectors()) - _at(s, *old.error_vectors())
+            for error, (x, y, z) in zip(run.errors, (vectors + change).tolist(), strict=True):
                 place = error.path_length - self.contour.starts[error.segment]
                 tx, ty, _ = self.contour.elements[error.segment].tangent(place)
                 across_plane = np.hypot(tx, ty)
@@ -232,7 +231,7 @@ class _Work:
         )
         vectors = across(np.array([error[:3] for error in errors]), tangents)
         places = np.array([error.path_length for error in errors])
-        return Correction.fitted(self.spans, places, vectors, faded=True)
+        return Correction.fitted(self.spans, places, vectors)
 
     def _checked(self, program: Program, before: Observation, after: Observation) -> Toolpath:
         """The toolpath, checked like any other, and where the correction is full not slower than the original."""
@@ -250,3 +249,9 @@ class _Work:
                 "of its feed to keep the limits of TCP and drives (motion, limits): a lower feed leaves them room"
             )
         return toolpath_of(self.setup, program)
+
+
+def _at(s: NDArray[np.float64], places: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`vectors` (n, 3) of a run that was at `places` (n,), m, at path lengths `s` (m,)."""
+    order = np.argsort(places, kind="stable")
+    return np.stack([np.interp(s, places[order], column[order]) for column in vectors.T], axis=1)

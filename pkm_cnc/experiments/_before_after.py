@@ -30,6 +30,7 @@ __all__ = [
     "noise_floor",
     "path_panel",
     "recorded_run",
+    "repeated",
     "square",
 ]
 
@@ -81,22 +82,30 @@ def judged_run(evaluation: Evaluation) -> ErrorFigures:
 
 
 def floor(runs: Sequence[Evaluation]) -> tuple[float, float]:
-    """Largest and RMS distance, m, of repeated runs from their mean: what no correction of a program can take away."""
+    """Largest and RMS distance, m, of repeated runs from their mean, over what is judged: no program takes it away."""
     count = min(len(run.errors) for run in runs)
     vectors = np.array([[error[:3] for error in run.errors[:count]] for run in runs])
     away = np.sqrt(((vectors - vectors.mean(axis=0)) ** 2).sum(axis=2))
-    return float(away.max()), float(np.sqrt((away**2).sum() / ((len(runs) - 1) * count)))
+    contour = Toolpath(tuple(runs[0].elements))
+    figures = [
+        judged([error._replace(magnitude=size) for error, size in zip(run.errors, sizes, strict=False)], contour)
+        for run, sizes in zip(runs, away.tolist(), strict=True)
+    ]
+    squares = sum(one.rms**2 for one in figures)
+    return max(one.largest for one in figures), float(np.sqrt(squares / (len(runs) - 1)))
+
+
+def repeated(setup: Setup, repeat: int) -> Setup:
+    """`setup` with other noise at its scales: no run of a machine has the noise of the one before."""
+    seeds = {f"{axis}.scale.seed": parts.scale.seed + repeat for axis, parts in setup.axes.items()}
+    return setup_from_parameters({**{key: value for key, (value, _) in setup.parameters.items()}, **seeds})
 
 
 def noise_floor(setup: Setup, program: Program) -> tuple[float, float] | None:
     """The `floor`, um, of `REPEATS` runs that differ by their noise; None for a machine without."""
     if not any(parts.scale.noise for parts in setup.axes.values()):
         return None
-    runs = []
-    for repeat in range(REPEATS):
-        seeds = {f"{axis}.scale.seed": parts.scale.seed + repeat for axis, parts in setup.axes.items()}
-        values: dict[str, object] = {key: value for key, (value, _) in setup.parameters.items()}
-        runs.append(evaluate(recorded_run(setup_from_parameters({**values, **seeds}), program)))
+    runs = [evaluate(recorded_run(repeated(setup, repeat), program)) for repeat in range(REPEATS)]
     largest, rms = floor(runs)
     return 1e6 * largest, 1e6 * rms
 

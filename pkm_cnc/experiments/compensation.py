@@ -22,6 +22,7 @@ from pkm_cnc.experiments._before_after import (
     noise_floor,
     path_panel,
     recorded_run,
+    repeated,
     square,
 )
 from pkm_cnc.experiments._machine import require_plane
@@ -163,7 +164,8 @@ def _run(lab: Lab, options: Options) -> Findings:
             "refuses, or a run that faults, has its reason.",
             f"The model is the machine as its controller believes it. Kv 18 % off: drives of {MISMATCH:g} times that "
             "Kv. As it is: the machine file, with what its controller does not know.",
-            f"Floor: largest and RMS distance of {REPEATS} runs with different noise from their mean.",
+            f"Floor: largest and RMS distance of {REPEATS} runs with different noise from their mean; every run that "
+            "is learnt from has another noise, too.",
         ],
     )
 
@@ -203,11 +205,12 @@ def _outcome(
             if (name, method.name) not in known:
                 known[name, method.name] = compensate(model, program, method.name).program
             program = known[name, method.name]
-        for _ in range(passes if method.from_bags else 0):
-            run = recorded_run(actual, program)
+        passes = passes if method.from_bags else 0
+        for number in range(passes):
+            run = recorded_run(repeated(actual, number), program)
             by_pass.append(judged_run(evaluate(run)).rms)
             program = compensate(model, program, method.name, bags=[run]).program
-        run = recorded_run(_with(actual, method.overrides) if method.overrides else actual, program)
+        run = recorded_run(repeated(_with(actual, method.overrides), passes), program)
     except PkmError as error:
         return Outcome(machine, name, method, reason=str(error))
     evaluation = evaluate(run)

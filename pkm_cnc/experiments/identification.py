@@ -24,6 +24,7 @@ from pkm_cnc.experiments._before_after import (
     noise_floor,
     path_panel,
     recorded_run,
+    repeated,
     square,
 )
 from pkm_cnc.experiments._machine import require_plane
@@ -59,6 +60,8 @@ SEEN_FEED = 6000.0
 """mm/min, of all that is learnt from."""
 RANGE = 0.100
 """m. Half the square, and half the diameter of the circle, within which the seen programs run."""
+LEARNT = 2
+"""Runs that are learnt from; those that are judged have other noise."""
 UM = 1e6
 
 
@@ -151,7 +154,10 @@ def _run(lab: Lab, options: Options) -> Findings:
     for name, machine in machines.items():
         lab.tell(next(done) / steps, f"{name}: what is learnt from")
         seen = seen_programs(setup)
-        runs = [recorded_run(machine, Program(f"{title}.ngc", text)) for title, text in seen.items()]
+        runs = [
+            recorded_run(repeated(machine, number), Program(f"{title}.ngc", text))
+            for number, (title, text) in enumerate(seen.items())
+        ]
         models[name] = []
         for method in METHODS:
             lab.tell(next(done) / steps, f"{name}: {method}")
@@ -168,7 +174,7 @@ def _outcomes(
     machine: str, title: str, controller: Setup, actual: Setup, program: Program, models: Sequence[Identified]
 ) -> list[Outcome]:
     """One program by all models. Its own bag is the best that a correction of the program can do in one pass."""
-    before = recorded_run(actual, program)
+    before = recorded_run(repeated(actual, LEARNT), program)
     evaluation = evaluate(before)
     found = [Outcome(machine, title, AS_IT_IS, evaluation, judged_run(evaluation))]
     ways: list[tuple[str, Setup | None, list[Run]]] = [(BY_NOMINAL, None, [])]
@@ -177,7 +183,7 @@ def _outcomes(
     for label, model, bags in ways:
         try:
             compensated = compensate(controller, program, "mirror", model=model, bags=bags).program
-            evaluation = evaluate(recorded_run(actual, compensated))
+            evaluation = evaluate(recorded_run(repeated(actual, LEARNT + 1), compensated))
         except PkmError as error:
             found.append(Outcome(machine, title, label, reason=str(error)))
         else:
