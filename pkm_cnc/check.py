@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics import reached_rows
-from pkm_cnc.motion import Curve, Interpolator, Planner, Shape, pieces
+from pkm_cnc.motion import Curve, Interpolator, Planner, Shape, frames_of, pieces
 from pkm_cnc.program import Element, Event, Program, ProgramSource, Toolpath, Totals
 from pkm_cnc.records import NANOSECONDS, TcpSetpoint, Vector
 from pkm_cnc.tolerances import LIMIT_EXCESS
@@ -84,7 +84,7 @@ class CheckedProgram:
         check.finish()
 
 
-def prepare(setup: Setup, program: Program, from_line: int = 0) -> CheckedProgram:
+def prepare(setup: Setup, program: Program, from_line: int = 0, toolpath: Toolpath | None = None) -> CheckedProgram:
     """Interpret a program for a machine and check all of it, a portion at a time.
 
     Every element is checked along its length against workspace, singularities and drive travel, and so is what rounds
@@ -92,8 +92,9 @@ def prepare(setup: Setup, program: Program, from_line: int = 0) -> CheckedProgra
     will have it, and there speed and acceleration of the drives, whose limits the planner keeps elsewhere by going
     slower; but not with motion.wait_in_position, because how long a run waits is not known before: it faults by itself.
 
-    `from_line`: from that line on, see `ProgramSource`. Raises ProgramError for what cannot be read, InputError for
-    what the machine cannot reach, naming program, line, strut or axis, the place and by how much.
+    `from_line`: from that line on, see `ProgramSource`; `toolpath`: what that reads, where it is known. Raises
+    ProgramError for what cannot be read, InputError for what the machine cannot reach, naming program, line, strut or
+    axis, the place and by how much.
     """
     if from_line < 0:
         raise InputError(f"from_line {from_line}: lines of part programs are counted from 1; 0 = all of it")
@@ -101,7 +102,7 @@ def prepare(setup: Setup, program: Program, from_line: int = 0) -> CheckedProgra
     check, totals = _Check(setup, program.name), Totals()
 
     def checked() -> Iterator[Element | Event]:
-        for item in source.items():
+        for item in source.items() if toolpath is None else toolpath.items():
             totals.add(item)
             if not isinstance(item, Event):
                 check.add(item.line, item)
@@ -133,10 +134,9 @@ class _Check:
         if steps >= PORTION:
             self._flush()
             # The ends first: a coordinate with a zero too many is refused before a path of that length is looked at.
-            self._check(line, [shape.position(0.0), shape.position(shape.length)])
+            self._check(line, np.array([shape.position(0.0), shape.position(shape.length)]))
             for first in range(0, steps + 1, PORTION):
-                self._check(line, _points(shape, range(first, min(first + PORTION, steps + 1)), steps))
-            return
+                self._check(line, _points([shape], [range(first, min(first + PORTION, steps + 1))], [steps]))
         self._shapes.append((line, shape))
         self._points += steps + 1
         if self._points >= PORTION:
@@ -152,29 +152,34 @@ class _Check:
         shapes, self._shapes, self._points = self._shapes, [], 0
         if not shapes:
             return
-        portions = [_points(shape, range(steps + 1), steps) for _, shape in shapes for steps in (_steps(shape),)]
+        steps = [_steps(shape) for _, shape in shapes]
+        points = _points([shape for _, shape in shapes], [range(count + 1) for count in steps], steps)
         try:
-            self._check(shapes[0][0], [point for portion in portions for point in portion])
+            self._check(shapes[0][0], points)
             return
         except InputError:
             pass
-        for (line, _), portion in zip(shapes, portions, strict=True):  # for the message: the first shape that fails
-            self._check(line, [portion[0], portion[-1]])
+        ends = np.cumsum([count + 1 for count in steps])
+        for (line, _), portion in zip(shapes, np.split(points, ends[:-1]), strict=True):  # for the message: the first
+            self._check(line, portion[[0, -1]])  # shape that fails
             self._check(line, portion)
 
-    def _check(self, line: int, points: list[Vector]) -> None:
-        table = np.array(points)
-        _check_points(self._setup, f"{self._name}:{line}", table)
-        self._least = np.minimum(self._least, table.min(axis=0))
-        self._greatest = np.maximum(self._greatest, table.max(axis=0))
+    def _check(self, line: int, points: NDArray[np.float64]) -> None:
+        _check_points(self._setup, f"{self._name}:{line}", points)
+        self._least = np.minimum(self._least, points.min(axis=0))
+        self._greatest = np.maximum(self._greatest, points.max(axis=0))
 
 
 def _steps(shape: Shape) -> int:
     return max(1, math.ceil(shape.length / SAMPLING))
 
 
-def _points(shape: Shape, places: range, steps: int) -> list[Vector]:
-    return [shape.position(shape.length * step / steps) for step in places]
+def _points(shapes: Sequence[Shape], places: Sequence[range], steps: Sequence[int]) -> NDArray[np.float64]:
+    """Points (k, 3) at these steps, of so many, along each shape."""
+    which = np.repeat(np.arange(len(shapes)), [len(part) for part in places])
+    lengths, counts = np.array([shape.length for shape in shapes]), np.array(steps)
+    s = lengths[which] * np.concatenate([np.arange(part.start, part.stop) for part in places]) / counts[which]
+    return np.asarray(frames_of(shapes, which, s)[0].T)
 
 
 def _check_points(setup: Setup, where: str, points: NDArray[np.float64]) -> None:

@@ -44,7 +44,7 @@ def compensated(text=TEXT, size=50e-6, tolerance=1e-8):
     """A program with a wavy correction of `size`, its contour, and the correction."""
     program = Program("part.ngc", text)
     contour = ProgramSource(program, **READING).toolpath()
-    spans = spans_of(contour, MotionParameters(wait_in_position=True), 20.0, 2e-3)
+    spans = spans_of(contour, MotionParameters(wait_in_position=True), 20.0, 0.8)
     s = np.linspace(0.0, contour.length, 3000)
     waves = size * np.stack([np.sin(s / 8e-3), np.cos(s / 9e-3), np.sin(s / 7e-3 + 1.0)], axis=1)
     tangents = np.array([tangent(contour, place) for place in s])
@@ -197,7 +197,7 @@ def test_every_element_takes_the_time_that_it_took():
 def test_without_a_correction_the_motion_is_the_original():
     program = Program("part.ngc", TEXT)
     contour = ProgramSource(program, **READING).toolpath()
-    spans = spans_of(contour, MotionParameters(), 20.0, 2e-3)
+    spans = spans_of(contour, MotionParameters(), 20.0, 0.25)
     text = compensated_program(program, contour.items(), Correction.none(spans), zero=ZERO, tolerance=1e-8)
     again = ProgramSource(Program("out.ngc", text), **READING).toolpath()
     assert len(again.elements) == len(contour.elements)

@@ -2,6 +2,7 @@
 
 import gc
 import math
+import struct
 from itertools import pairwise
 
 import numpy as np
@@ -294,3 +295,29 @@ def test_a_segment_out_of_order_is_refused():
     tracker = tracker_of(line((0, 0, 0), (1, 0, 0)))
     with pytest.raises(MachineFault, match="segment 2 arrived where segment 1 was expected"):
         tracker.add(2, line((1, 0, 0), (2, 0, 0)), 1.0)
+
+
+def bits(error):
+    """With the signs of zeros, and NaN equal to itself."""
+    return struct.pack("<8d", *error)
+
+
+@given(elements=toolpaths(), data=st.data())
+@settings(max_examples=100, derandomize=True, deadline=None)
+def test_a_whole_run_is_the_same_to_the_bit_as_its_cycles(elements, data):
+    elements = [*elements, line(elements[-1].end, (*elements[-1].end[:2], 0.2))]  # upright: no left and up
+    tools = data.draw(st.lists(points, min_size=1, max_size=40))
+    segments = sorted(data.draw(st.integers(0, len(elements) - 1)) for _ in tools)
+    singly = tracker_of(*elements)
+    expected = [singly.step(tool, segment) for tool, segment in zip(tools, segments, strict=True)]
+    assert [*map(bits, tracker_of(*elements).follow(np.array(tools), segments))] == [*map(bits, expected)]
+
+
+def test_a_run_over_more_elements_than_are_kept():
+    elements = polyline(*((k * 1e-3, 1e-3 * (k % 2), 0.0) for k in range(1001)))
+    tools = np.array([element.position(0.3 * element.length) for element in elements]) + [0.0, 0.0, 2e-6]
+    whole, singly = tracker_of(*elements), tracker_of(*elements)
+    errors = whole.follow(tools, range(len(elements)))
+    assert errors == [singly.step(tuple(tool), segment) for segment, tool in enumerate(tools.tolist())]
+    assert [error.segment for error in errors] == [*range(len(elements))]
+    assert [error.magnitude for error in errors] == pytest.approx([2e-6] * len(elements), abs=1e-15)

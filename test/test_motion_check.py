@@ -7,7 +7,7 @@ import pytest
 from pkm_cnc.check import prepare
 from pkm_cnc.config import load_setup
 from pkm_cnc.errors import InputError
-from pkm_cnc.program import Program
+from pkm_cnc.program import Program, ProgramSource
 
 
 def test_a_drive_divided_by_frequency_is_checked_against_its_limits() -> None:
@@ -37,3 +37,20 @@ def test_the_time_is_that_of_the_motion_and_its_dwells(jerk: float) -> None:
     ideal = 0.05 / 0.1 + 0.1 / 2.0 + 1.5 + 0.03 / 0.05 + 0.05 / 2.0 + (2.0 * 2.0 / jerk if jerk else 0.0)
     found = prepare(setup, program).time()
     assert ideal <= found + 1e-9 <= ideal + 2.0 * (0.001 if not jerk else 0.003)
+
+
+def test_a_toolpath_that_is_read_already_is_checked_as_the_program_is() -> None:
+    setup = load_setup("tripod")
+    text = "G21 G90 G64 P0.1 F3000\nM3 S100\nG1 X10\nG4 P0.2\nG2 X20 Y-10 I0 J-10\nG1 Y{y} Z3\nM2\n"
+    program = Program("known.ngc", text.format(y=-40))
+    read, known = prepare(setup, program), prepare(setup, program, toolpath=prepare(setup, program).toolpath())
+    assert (known.totals, known.box) == (read.totals, read.box)
+    outside = Program("known.ngc", text.format(y=-900))
+    toolpath = ProgramSource(
+        outside, setup.start_pose, setup.program_zero, setup.motion.rapid, setup.program
+    ).toolpath()
+    with pytest.raises(InputError, match=r"known.ngc:6: outside the workspace") as by_toolpath:
+        prepare(setup, outside, toolpath=toolpath)
+    with pytest.raises(InputError) as by_program:
+        prepare(setup, outside)
+    assert str(by_toolpath.value) == str(by_program.value)

@@ -33,10 +33,16 @@ def planned(lengths: list[float], feeds: list[float], acceleration: float) -> Fe
     return FeedProfile(cells, squares)
 
 
+def at(profile: FeedProfile, t: float) -> tuple[int, float, float, float]:
+    """Element, path length from its start, v and a at one time."""
+    element, s, v, a = (column.item() for column in profile.at(np.array([t])))
+    return element, s, v, a
+
+
 def sampled(profile: FeedProfile, lengths: list[float], times: list[float]) -> np.ndarray:
     """Element, path length over the whole run, v and a at the times, one row each."""
     starts = [0.0, *itertools.accumulate(lengths)]
-    return np.array([(e, starts[e] + s, v, a) for e, s, v, a in map(profile.at, times)])
+    return np.array([(e, starts[e] + s, v, a) for e, s, v, a in zip(*profile.at(np.asarray(times)), strict=True)])
 
 
 def envelope(lengths: list[float], feeds: list[float], acceleration: float, s: np.ndarray) -> np.ndarray:
@@ -54,19 +60,19 @@ def test_a_long_element_is_a_trapezoid() -> None:
     profile = planned([length], [feed], acceleration)
     ramp = feed / acceleration
     assert profile.duration == pytest.approx(length / feed + ramp, rel=1e-14)
-    assert profile.at(0.0) == (0, 0.0, 0.0, acceleration)
-    assert profile.at(0.03) == pytest.approx((0, 0.5 * 2.0 * 0.03**2, 0.06, 2.0), rel=1e-14)
-    assert profile.at(1.0) == pytest.approx((0, 0.5 * feed * ramp + feed * (1.0 - ramp), feed, 0.0), rel=1e-14)
+    assert at(profile, 0.0) == (0, 0.0, 0.0, acceleration)
+    assert at(profile, 0.03) == pytest.approx((0, 0.5 * 2.0 * 0.03**2, 0.06, 2.0), rel=1e-14)
+    assert at(profile, 1.0) == pytest.approx((0, 0.5 * feed * ramp + feed * (1.0 - ramp), feed, 0.0), rel=1e-14)
     left = 0.02
     late = (0, length - 0.5 * acceleration * left**2, acceleration * left, -acceleration)
-    assert profile.at(profile.duration - left) == pytest.approx(late, rel=1e-12)
+    assert at(profile, profile.duration - left) == pytest.approx(late, rel=1e-12)
 
 
 def test_a_short_element_is_a_triangle_that_misses_its_feed() -> None:
     profile = planned([1e-3], [0.1], 2.0)
     half = math.sqrt(1e-3 / 2.0)
     assert profile.duration == pytest.approx(2.0 * half, rel=1e-14)
-    assert profile.at(half)[1:3] == pytest.approx((0.5e-3, 2.0 * half), rel=1e-12)
+    assert at(profile, half)[1:3] == pytest.approx((0.5e-3, 2.0 * half), rel=1e-12)
 
 
 @pytest.mark.parametrize("feeds", [[0.05, 0.2], [0.2, 0.05]])
@@ -79,7 +85,7 @@ def test_the_change_of_feed_is_made_in_the_faster_element(feeds: list[float]) ->
     fast_time = ramps + (length - ramp_lengths) / fast
     assert profile.duration == pytest.approx(slow_time + fast_time, rel=1e-13)
     junction = slow_time if feeds[0] == slow else fast_time
-    element, _, v, _ = profile.at(junction + 1e-9)
+    element, _, v, _ = at(profile, junction + 1e-9)
     assert (element, v) == (1, pytest.approx(slow, rel=1e-6))
 
 
@@ -87,7 +93,7 @@ def test_the_change_of_feed_is_made_in_the_faster_element(feeds: list[float]) ->
 def test_from_its_end_on_it_rests_exactly_at_the_end(beyond: float) -> None:
     lengths = [0.1, 0.3, 0.7 / 3.0]
     profile = planned(lengths, [0.1, 0.03, 0.2], 1.7)
-    assert profile.at(profile.duration + beyond) == (2, lengths[-1], 0.0, 0.0)
+    assert at(profile, profile.duration + beyond) == (2, lengths[-1], 0.0, 0.0)
 
 
 @robust
@@ -155,8 +161,8 @@ def test_many_short_elements_are_as_fast_as_one(count: int) -> None:
     whole = planned([1e-5 * count], [0.1], 2.0)
     assert profile.duration == pytest.approx(whole.duration, rel=1e-13)
     for t in (0.1 * whole.duration, 0.6 * whole.duration, 0.99 * whole.duration):
-        element, s, v, a = profile.at(t)
-        _, whole_s, whole_v, whole_a = whole.at(t)
+        element, s, v, a = at(profile, t)
+        _, whole_s, whole_v, whole_a = at(whole, t)
         assert (1e-5 * element + s, v, a) == pytest.approx((whole_s, whole_v, whole_a), rel=1e-12)
 
 
@@ -176,8 +182,8 @@ def test_while_speeding_up_over_short_elements_the_acceleration_never_flickers()
     profile = planned([1e-5] * 1000, [0.1] * 1000, acceleration)
     for junction in range(1, count):
         for t in around(math.sqrt(2.0 * 1e-5 * junction / acceleration)):
-            assert profile.at(t)[3] == acceleration
-            assert profile.at(profile.duration - t)[3] == -acceleration
+            assert at(profile, t)[3] == acceleration
+            assert at(profile, profile.duration - t)[3] == -acceleration
 
 
 @robust
@@ -188,16 +194,16 @@ def test_rounding_leaves_neither_the_element_nor_the_sense_of_travel(
     lengths, feeds = run
     profile = planned(lengths, feeds, acceleration)
     for t in [0.0, *around(profile.duration)]:
-        element, s, v, _ = profile.at(t)
+        element, s, v, _ = at(profile, t)
         assert 0.0 <= s <= lengths[element]
         assert v >= 0.0
     for element in range(1, len(lengths)):  # bisect for the time of each junction
         low, high = 0.0, profile.duration
         while math.nextafter(low, high) < high:
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if profile.at(middle)[0] < element else (low, middle)
-        assert profile.at(low)[1] <= lengths[profile.at(low)[0]]
-        assert profile.at(high)[1] >= 0.0
+            low, high = (middle, high) if at(profile, middle)[0] < element else (low, middle)
+        assert at(profile, low)[1] <= lengths[at(profile, low)[0]]
+        assert at(profile, high)[1] >= 0.0
 
 
 def test_a_slow_element_among_many_fast_ones_is_seen_from_afar() -> None:

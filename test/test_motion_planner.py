@@ -186,6 +186,19 @@ def test_an_arc_is_run_at_what_its_radius_allows() -> None:
     assert max(speeds) == pytest.approx(math.sqrt(PLAIN.centripetal_acceleration * 0.002), rel=1e-9)
 
 
+@pytest.mark.parametrize(("setup", "motion"), [(TRIPOD, PLAIN), (TRIPOD_SMOOTH, SMOOTH)], ids=["", "smooth"])
+def test_how_many_pieces_are_cut_together_changes_no_bit(
+    setup: Setup, motion: MotionParameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lines and arcs that meet at small angles, slow and fast ones, short and long, and a corner that is rounded."""
+    bend = [*polyline([(k * 2e-3, 1e-5 * k * k, 0.0) for k in range(21)], feed=0.2)]
+    ring = arc(bend[-1].end, (bend[-1].end[0], bend[-1].end[1] + 0.02, 0.0), 2.0, feed=0.3)
+    rest = [line(ring.end, (0.0, 0.1, 0.0), 0.1, PathMode("G64", 1e-4)), line((0.0, 0.1, 0.0), (0.1, 0.12, 0.01), 0.3)]
+    together = moved(setup, [*bend, ring, *rest], motion)
+    monkeypatch.setattr("pkm_cnc.motion.planner.GROUP", 1)
+    assert moved(setup, [*bend, ring, *rest], motion) == together
+
+
 def test_a_limit_that_cannot_be_kept_is_a_fault_naming_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pkm_cnc.motion.block.ROUNDS", 1)
     with pytest.raises(MachineFault, match=r"line 1: .*limits cannot be kept .*% too fast") as caught:

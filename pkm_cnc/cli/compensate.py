@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import time
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,7 @@ def _compensate(arguments: argparse.Namespace) -> None:
     _refuse_same(arguments.program, arguments.output)
     started = time.monotonic()
     runs = [read_run(bag) for bag in bags]
+    gc.freeze()  # as in simulate
     done = compensate(setup, program, arguments.method, model=model, bags=runs, options=options)
     write_text(arguments.output, done.program.text)
     print(_told(done, time.monotonic() - started))

@@ -25,11 +25,10 @@ Array = NDArray[np.float64]
 DEGREE = 3
 LEAST = 8
 """Intervals of a span: fewer have no room between two ends that are zero."""
-FADE_LAGS = 2.5
-"""How far behind the ramp v^2/2a of a stop errors are learnt from, in distances v/Kv by which the tool lags, where the
-tool still moves when the next motion begins: by then 92 % of that is gone."""
-FADE_PART = 0.25
-"""1. Of a short span at most that much is left out at either end."""
+RUN_UP, RUN_OUT = 2.5, 1.0
+"""Lags v/Kv. How far behind the ramp v^2/2a of a stop errors are learnt from where the tool still moves when the next
+motion begins: by then 92 % of that is gone; and how far before the ramp of the next stop the correction begins to end,
+so that it does not end steeply."""
 BLENDED = 0.35
 """rad. Under G64 elements that meet at a smaller angle approximate a curve."""
 CLOSE, SMOOTH = 1e-6, 1e-3
@@ -41,15 +40,15 @@ long it takes away 2e-9 and 2e-6, of what is 6 knots long 1e-6 and 1e-3, and it 
 class Span:
     """From `begin` to `end` (m along the contour) the tool moves without a stop.
 
-    `ramp`, m, is the way that it takes to come to its feed or to rest; behind `fade`, m, what the tool still does of
-    the motion before is forgotten.
+    The first `run_up` and the last `run_out`, m, are left to the correction to begin and to end: the tool still does
+    something of the motion before, and comes to rest.
     """
 
     begin: float
     end: float
     intervals: int
-    ramp: float
-    fade: float
+    run_up: float
+    run_out: float
 
     @property
     def step(self) -> float:
@@ -69,7 +68,7 @@ class Span:
 
 
 def spans_of(contour: Toolpath, motion: MotionParameters, kv: float, spacing: float) -> tuple[Span, ...]:
-    """The spans of a contour, for drives of velocity gain `kv` (1/s) and knots about `spacing` (m) apart."""
+    """The spans of a contour, for drives of velocity gain `kv` (1/s) and knots about `spacing` lags v/Kv apart."""
     spans: list[Span] = []
     feed = 0.0
     begin = None
@@ -80,11 +79,11 @@ def spans_of(contour: Toolpath, motion: MotionParameters, kv: float, spacing: fl
         if _goes_on(contour, index, motion):
             continue
         end = start + element.length
-        intervals = max(LEAST, round((end - begin) / spacing))
-        ramp = feed * feed / (2.0 * motion.acceleration)
-        fade = ramp + (0.0 if motion.wait_in_position else FADE_LAGS * feed / kv)
-        longest = FADE_PART * (end - begin)
-        spans.append(Span(begin, end, intervals, min(ramp, longest), min(fade, longest)))
+        intervals = max(LEAST, round((end - begin) * kv / (spacing * feed)))
+        ramp, lag = feed * feed / (2.0 * motion.acceleration), feed / kv
+        run_up = ramp + (0.0 if motion.wait_in_position else RUN_UP * lag)
+        run_out = ramp + RUN_OUT * lag
+        spans.append(Span(begin, end, intervals, run_up, run_out))
         begin = None
     return tuple(spans)
 
@@ -140,10 +139,10 @@ class Correction:
         return result
 
     def settled(self, s: Array) -> NDArray[np.bool_]:
-        """Which of the path lengths `s` (n,), m, are in a span, off its first `fade` and its last `ramp`."""
+        """Which of the path lengths `s` (n,), m, are in a span, off its `run_up` and its `run_out`."""
         result = np.zeros(len(s), dtype=bool)
         for span in self.spans:
-            result |= (span.begin + span.fade <= s) & (s <= span.end - span.ramp)
+            result |= (span.begin + span.run_up <= s) & (s <= span.end - span.run_out)
         return result
 
     def size(self) -> float:

@@ -129,7 +129,8 @@ def _by_joints(situation: Situation, filtered: object) -> Correction:
     except UnreachableError as error:
         raise InputError(f"the inverse of the drives asks for a place out of reach: {error}") from None
     change = across(wanted - run.setpoint, _tangents(situation.contour, run.s))
-    return Correction.fitted(situation.correction.spans, run.s, change)
+    learnt = situation.correction.settled(run.s)
+    return Correction.fitted(situation.correction.spans, run.s[learnt], change[learnt], SMOOTH)
 
 
 def _tangents(contour: Toolpath, s: Array, segments: list[int] | None = None) -> Array:

@@ -98,8 +98,7 @@ def _product(matrices: Array, vectors: Array) -> Array:
 class _Fit:
     """The least-squares fit of one span, of the coefficients that are not zero at its ends.
 
-    Looked at are the cycles from where the motion before is forgotten (`Span.fade`) to where the setpoint begins its
-    last ramp: what the tool does behind that is decided.
+    Looked at are the cycles from where the tool has left the `run_up` to where the setpoint comes into the `run_out`.
     """
 
     def __init__(self, span: Span, seen: Sequence[_Seen], response: Array) -> None:
@@ -129,7 +128,7 @@ def _rows(span: Span, run: _Seen, response: Array) -> tuple[NDArray[np.intp], An
 
     inside = np.nonzero((span.begin <= run.asked) & (run.asked <= span.end))[0]
     looked_at = np.nonzero(
-        (span.begin + span.fade <= run.place) & (span.begin <= run.asked) & (run.asked <= span.end - span.ramp)
+        (span.begin + span.run_up <= run.place) & (span.begin <= run.asked) & (run.asked <= span.end - span.run_out)
     )[0]
     rows = looked_at[:: max(1, len(looked_at) // (ROWS * span.intervals))]
     if not len(rows):

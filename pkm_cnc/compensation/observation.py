@@ -31,6 +31,7 @@ __all__ = [
     "recorded",
     "setpoints_of",
     "toolpath_of",
+    "tracker_of",
 ]
 
 Array = NDArray[np.float64]
@@ -102,10 +103,11 @@ def setpoints_of(setup: Setup, toolpath: Toolpath) -> list[TcpSetpoint]:
     return setpoints
 
 
-def observe(setup: Setup, program: Program) -> Observation:
+def observe(setup: Setup, program: Program, toolpath: Toolpath | None = None) -> Observation:
     """Run a program: as arrays where the machine is linear and does not wait on its way, else step by step.
 
-    The array path does not check it. Raises MachineFault, and InputError as `check.prepare`.
+    `toolpath` is what `toolpath_of` reads of it, where that is known. The array path does not check
+    it. Raises MachineFault, and InputError as `check.prepare`.
     """
     try:
         linear(setup)
@@ -113,7 +115,7 @@ def observe(setup: Setup, program: Program) -> Observation:
         return _by_steps(setup, program)
     if setup.motion.wait_in_position:
         return _by_steps(setup, program)
-    return _by_arrays(setup, toolpath_of(setup, program))
+    return _by_arrays(setup, toolpath or toolpath_of(setup, program))
 
 
 def toolpath_of(setup: Setup, program: Program) -> Toolpath:
@@ -126,7 +128,7 @@ def _by_arrays(setup: Setup, toolpath: Toolpath) -> Observation:
     moving = len(setpoints)
     slowest = min(parts.drive.kv for parts in setup.axes.values())
     setpoints += [setpoints[-1]] * math.ceil(SETTLED / slowest / setup.servo_period)
-    table = np.array([setpoint[:9] for setpoint in setpoints])
+    table = _table(setpoints)
     joints, speeds, rates = setup.machine.setpoint_motion(setup.start_pose, setup.servo_period)(
         table[:, 0:3], table[:, 3:6], table[:, 6:9]
     )
@@ -145,12 +147,9 @@ def _by_arrays(setup: Setup, toolpath: Toolpath) -> Observation:
     tolerance = setup.motion.in_position_tolerance
     while count < len(setpoints) and not in_position(setpoints[count - 1], _vector(believed[count - 2]), tolerance):
         count += 1
-    tracker = _tracker(toolpath.contour)
-    points = true[:count].tolist()
-    errors = [
-        tracker.step(_vector(point), setpoint.segment) for point, setpoint in zip(points, setpoints, strict=False)
-    ]
-    return _observation(setpoints[:count], joints[:count], actual[:count], errors)
+    segments = [setpoint.segment for setpoint in setpoints[:count]]
+    errors = tracker_of(toolpath.contour).follow(true[:count], segments)
+    return _observation(table[:count], segments, joints[:count], actual[:count], errors)
 
 
 def _by_steps(setup: Setup, program: Program) -> Observation:
@@ -160,17 +159,25 @@ def _by_steps(setup: Setup, program: Program) -> Observation:
         joints.append([setpoint.position for setpoint in cycle.axis_setpoints])
         actual.append([state.position for state in cycle.states])
         errors.append(cycle.error)
-    return _observation(setpoints, np.array(joints), np.array(actual), errors)
+    segments = [setpoint.segment for setpoint in setpoints]
+    return _observation(_table(setpoints), segments, np.array(joints), np.array(actual), errors)
 
 
-def _observation(setpoints: list[TcpSetpoint], joints: Array, actual: Array, errors: list[ContourError]) -> Observation:
-    table = np.array([(setpoint.path_length, *setpoint[:6], setpoint.feed) for setpoint in setpoints])
-    speed = np.sqrt((table[:, 4:7] ** 2).sum(axis=1))
-    segment = np.array([setpoint.segment for setpoint in setpoints])
-    return Observation(table[:, 0], speed / table[:, 7], segment, table[:, 1:4], joints, actual, errors)
+def _table(setpoints: list[TcpSetpoint]) -> Array:
+    """The setpoints' numbers but segment and phase, one row each."""
+    return np.array([*zip(*setpoints, strict=True)][:11]).T
 
 
-def _tracker(contour: Toolpath) -> ContourTracker:
+def _observation(
+    table: Array, segments: list[int], joints: Array, actual: Array, errors: list[ContourError]
+) -> Observation:
+    velocity, s, feed = table[:, 3:6], table[:, 9], table[:, 10]
+    speed = np.sqrt((velocity**2).sum(axis=1))
+    return Observation(s, speed / feed, np.array(segments), table[:, 0:3], joints, actual, errors)
+
+
+def tracker_of(contour: Toolpath) -> ContourTracker:
+    """One that knows all of a contour."""
     tracker = ContourTracker()
     for index, (element, start) in enumerate(zip(contour.elements, contour.starts, strict=True)):
         tracker.add(index, element, start)

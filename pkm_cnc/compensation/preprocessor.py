@@ -6,7 +6,9 @@ predicts is what its file does, with everything that the file and the planner ad
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import gc
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,19 +27,23 @@ from pkm_cnc.compensation.observation import (
     recorded,
     setpoints_of,
     toolpath_of,
+    tracker_of,
 )
 from pkm_cnc.compensation.writer import compensated_program
 from pkm_cnc.config import Setup
-from pkm_cnc.contour import ContourTracker
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
 from pkm_cnc.parameters import parameter
 from pkm_cnc.program import Program, Toolpath, carried_original
 
 __all__ = ["Compensated", "CompensationOptions", "Pass", "compensate"]
 
-SLOWER = 0.005
+SLOWER = 0.01
 """1. A compensated program may be slower than the original by this part of its feed before it is refused: the error
 that it is made for goes with the square of the speed."""
+
+RECORDS = 10_000
+"""New objects that the garbage collector waits for before it looks for garbage among them: a pass makes ten times as
+many records and no garbage that needs it, and looking costs a fifth of the time."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +69,13 @@ class CompensationOptions:
         above=0.0,
         maximum=1000.0,
     )
-    spacing_mm: float = parameter(
-        2.0,
-        "distance of the knots of the correction along the path: details below twice that are taken for noise; it is "
-        "a quarter of the distance by which the tool lags at 9000 mm/min",
-        unit="mm",
-        minimum=0.1,
-        maximum=100.0,
+    spacing: float = parameter(
+        0.25,
+        "distance of the knots of the correction along the path, in distances v/Kv by which the tool lags at the feed: "
+        "details below twice that are taken for noise, and drives pass little of what is shorter than one",
+        unit="lags",
+        minimum=0.02,
+        maximum=10.0,
     )
     tolerance_um: float = parameter(
         0.01,
@@ -104,6 +110,18 @@ class Compensated:
         return self.passes[self.chosen].figures
 
 
+@contextmanager
+def _many_records() -> Iterator[None]:
+    """Lets the garbage collector wait for RECORDS."""
+    before = gc.get_threshold()
+    gc.set_threshold(RECORDS, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
+
+@_many_records()
 def compensate(
     setup: Setup,
     program: Program,
@@ -137,37 +155,51 @@ class _Work:
         self.original = carried_original(program) or program
         prepare(setup, program)
         self.toolpath = toolpath_of(setup, program)
+        self.path_of_original = self.toolpath if self.original is program else toolpath_of(setup, self.original)
         self.contour = self.toolpath.contour
         kv = min(parts.drive.kv for parts in setup.axes.values())
-        self.spans = spans_of(self.contour, setup.motion, kv, options.spacing_mm * 1e-3)
+        self.spans = spans_of(self.contour, setup.motion, kv, options.spacing)
         if not self.spans:
             raise InputError(f"part program {program.name}: it has rapids alone: nothing to compensate")
+        if not any(span.run_up + span.run_out < span.end - span.begin for span in self.spans):
+            raise InputError(
+                f"part program {program.name}: the longest way between two stops, "
+                f"{max(span.end - span.begin for span in self.spans) * 1e3:.4g} mm, is too short for the tool to leave "
+                "the one and not yet come to the other: nothing to compensate; a lower feed shortens both"
+            )
         self.correction = self._carried()
 
     def from_model(self, name: str) -> Compensated:
-        run = first = self._run(self.given)
-        before = judged(run.errors, self.contour)
+        run = first = self._run(self.given, self.toolpath)
+        before, left = judged(run.errors, self.contour), [self._left(run)]
         correction, done = self.correction, []
-        best: tuple[float, Program, Observation] | None = None
+        best: tuple[float, Program, Toolpath, Observation] | None = None
         for _ in range(self.options.iterations if self.method.learns else 1):
             correction = self.method.learn(self._situation(correction, [run]))
             program = self._written(correction, f"by {name} from the model")
-            run = self._run(program)
+            toolpath = toolpath_of(self.setup, program)
+            run = self._run(program, toolpath)
             done.append(Pass(correction.size(), judged(run.errors, self.contour)))
-            size = done[-1].figures.largest
-            last = done[-2].figures.largest if len(done) > 1 else before.largest
-            if best is None or size < best[0]:
-                best = (size, program, run)
-            if not abs(last - size) > self.options.until_um * 1e-6 or size > 2.0 * last:
+            left.append(self._left(run))
+            if best is None or left[-1] < best[0]:
+                best = (left[-1], program, toolpath, run)
+            if not abs(left[-2] - left[-1]) > self.options.until_um * 1e-6 or left[-1] > 2.0 * left[-2]:
                 break
         assert best is not None
-        if best[0] > before.largest:
+        least, program, toolpath, run = best
+        if least > left[0]:
             raise InputError(
-                f"{self.given.name}: {name} makes the largest error {best[0] * 1e6:.4g} um from "
-                f"{before.largest * 1e6:.4g} um: a smaller gain or a lower feed helps"
+                f"{self.given.name}: {name} makes the largest error {least * 1e6:.4g} um from "
+                f"{left[0] * 1e6:.4g} um: a smaller gain or a lower feed helps"
             )
-        chosen = next(place for place, one in enumerate(done) if one.figures.largest == best[0])
-        return Compensated(best[1], self._checked(best[1], first, best[2]), before, tuple(done), chosen)
+        self._check(program, toolpath, first, run)
+        return Compensated(program, toolpath, before, tuple(done), left.index(least) - 1)
+
+    def _left(self, run: Observation) -> float:
+        """The largest error, m, at places that are settled: behind stops it is the corner's and stays."""
+        s, vectors = run.error_vectors()
+        settled = self.correction.settled(s)
+        return float(np.sqrt((vectors[settled] ** 2).sum(axis=1)).max()) if settled.any() else 0.0
 
     def from_bags(self, runs: list[Observation], name: str) -> Compensated:
         """One pass; predicted is what the model says of the change, added to what the bags hold."""
@@ -175,9 +207,10 @@ class _Work:
         before = judged(errors, self.contour)
         correction = self.method.learn(self._situation(self.correction, runs))
         program = self._written(correction, f"by {name} from bags: {len(runs)}")
-        old, new = self._run(self.given), self._run(program)
+        toolpath = toolpath_of(self.setup, program)
+        old, new = self._run(self.given, self.toolpath), self._run(program, toolpath)
         figures = self._predicted(runs, old, new)
-        toolpath = self._checked(program, old, new)
+        self._check(program, toolpath, old, new)
         return Compensated(program, toolpath, before, (Pass(correction.size(), figures),), 0)
 
     def _predicted(self, runs: list[Observation], old: Observation, new: Observation) -> ErrorFigures:
@@ -197,16 +230,16 @@ class _Work:
     def _situation(self, correction: Correction, runs: list[Observation]) -> Situation:
         return Situation(self.contour, self.model, correction, runs, self.options.gain, self.options.cutoff_hz)
 
-    def _run(self, program: Program) -> Observation:
+    def _run(self, program: Program, toolpath: Toolpath) -> Observation:
         try:
-            return observe(self.model, program)
+            return observe(self.model, program, toolpath)
         except (MachineFault, UnreachableError) as fault:
             raise InputError(f"{self.given.name}: the model cannot run it: {fault}") from None
 
     def _written(self, correction: Correction, how: str) -> Program:
         text = compensated_program(
             self.original,
-            toolpath_of(self.setup, self.original).items(),
+            self.path_of_original.items(),
             correction,
             zero=self.setup.program_zero,
             tolerance=self.options.tolerance_um * 1e-6,
@@ -218,11 +251,9 @@ class _Work:
         """The correction that the given program has already."""
         if self.original is self.given:
             return Correction.none(self.spans)
-        tracker = ContourTracker()
-        for index, (element, start) in enumerate(zip(self.contour.elements, self.contour.starts, strict=True)):
-            tracker.add(index, element, start)
         setpoints = setpoints_of(self.setup, self.toolpath)
-        errors = [tracker.step((point.x, point.y, point.z), point.segment) for point in setpoints]
+        points = np.array([point[:3] for point in setpoints])
+        errors = tracker_of(self.contour).follow(points, [point.segment for point in setpoints])
         tangents = np.array(
             [
                 self.contour.elements[error.segment].tangent(error.path_length - self.contour.starts[error.segment])
@@ -233,14 +264,15 @@ class _Work:
         places = np.array([error.path_length for error in errors])
         return Correction.fitted(self.spans, places, vectors)
 
-    def _checked(self, program: Program, before: Observation, after: Observation) -> Toolpath:
-        """The toolpath, checked like any other, and where the correction is full not slower than the original."""
+    def _check(self, program: Program, toolpath: Toolpath, before: Observation, after: Observation) -> None:
+        """The program, like any other, and that it is not slower than the original where the correction is full."""
         try:
-            prepare(self.setup, program)
+            prepare(self.setup, program, toolpath=toolpath)
         except InputError as error:
             raise InputError(f"compensated, {error}") from None
-        steady = self.correction.settled(before.s) & (before.reached >= 1.0 - SLOWER)
-        lost = np.where(steady, before.reached - np.interp(before.s, after.s, after.reached), 0.0)
+        paces = [self._pace(run) for run in (before, after)]
+        steady = self.correction.settled(before.s) & (paces[0] >= 1.0 - SLOWER)
+        lost = np.where(steady, paces[0] - np.interp(before.s, after.s, paces[1]), 0.0)
         row = int(np.argmax(lost))
         if lost[row] > SLOWER:
             line = self.contour.elements[before.segment[row]].line
@@ -248,7 +280,11 @@ class _Work:
                 f"{self.given.name}:{line}: compensated, the tool would have to slow down by {lost[row] * 100.0:.3g} % "
                 "of its feed to keep the limits of TCP and drives (motion, limits): a lower feed leaves them room"
             )
-        return toolpath_of(self.setup, program)
+
+    def _pace(self, run: Observation) -> NDArray[np.float64]:
+        """How fast the setpoint goes along the contour, (n,), as a part of the programmed feed."""
+        feeds = np.array([element.feed for element in self.contour.elements])
+        return np.asarray(np.gradient(run.s, self.setup.servo_period) / feeds[run.segment])
 
 
 def _at(s: NDArray[np.float64], places: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -31,13 +31,15 @@ FEED_DECIMALS = 4
 """Of a mm/min: 1e-8 of usual feeds."""
 SHORTEST = 2e-5
 """m. Pieces are never made shorter than this: usual feeds take a servo period for more."""
+LONGEST = 2e-3
+"""m. Pieces are never made longer than this, or than a knot interval of the correction."""
 LESS = 0.45
 """1. The part of the tolerance that pieces are cut for."""
 LOOKED_AT = 4
 """Places in a knot interval of the correction at which its bend is looked at."""
-STEEPEST = 0.25
-"""1. A correction that grows faster than this along the contour, or is larger than this part of an arc's radius, is
-refused: the path would bend back, and its speed would no longer be that of the contour."""
+STEEPEST, LARGEST = 1.0, 0.5
+"""1. A correction that grows faster than this along the contour, so that the path leads away from it rather than along
+it, is refused, and one that is larger than this part of an arc's radius."""
 NOTHING = 1e-11
 """m. A smaller correction of a whole element is none."""
 STRAIGHT = 1e-7
@@ -131,7 +133,7 @@ class _Writer:
             self._piece(element, element.length, np.array(element.end), None)
             return
         self._refuse_steep(element, looked_at, c)
-        longest = np.minimum(span.step, self._longest(element, looked_at))
+        longest = np.minimum(max(LONGEST, span.step), self._longest(element, looked_at))
         cuts = _cuts(looked_at, np.maximum(longest, SHORTEST))
         ends = self._ends(element, begin, cuts)
         middles = self._corrected(element, begin, 0.5 * (cuts[:-1] + cuts[1:]))
@@ -143,10 +145,10 @@ class _Writer:
         slope = float(np.sqrt((self._correction.at(s, 1) ** 2).sum(axis=1)).max())
         size = float(np.sqrt((c**2).sum(axis=1)).max())
         radius = element.radius if isinstance(element, Arc) else math.inf
-        if slope > STEEPEST or size > STEEPEST * radius:
+        if slope > STEEPEST or size > LARGEST * radius:
             raise InputError(
                 f"{self._name}:{element.line}: the correction, {size * 1e6:.4g} um at most, is too large or too steep "
-                f"({slope:.3g} of the way): the path would bend back; a lower feed or fewer passes help"
+                f"({slope:.3g} of the way): a lower feed or fewer passes help"
             )
 
     def _longest(self, element: Element, s: Array) -> Array:

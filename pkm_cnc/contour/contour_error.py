@@ -9,9 +9,14 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pkm_cnc.errors import MachineFault
-from pkm_cnc.program import Arc, Element
+from pkm_cnc.program import Arc, Element, frames
 from pkm_cnc.records import ContourError, Vector
 from pkm_cnc.tolerances import TIE, VERTICAL
 
@@ -50,6 +55,19 @@ class ContourTracker:
         self._reaches.append(reach)
         self._tail = (element.end, reach + _extent(element))
 
+    def follow(self, points: NDArray[np.float64], setpoint_segments: Sequence[int]) -> list[ContourError]:
+        """What `step` answers, to the bit, for each row of `points` (n, 3) and its segment; raises as that."""
+        passed: dict[int, tuple[Element, float]] = {}
+        places, segments = [], []
+        for point, setpoint_segment in zip(zip(*points.T.tolist(), strict=True), setpoint_segments, strict=True):
+            self._advance(point, setpoint_segment)
+            segment = self._offset + self._place
+            if segment not in passed:
+                passed[segment] = self._elements[self._place], self._path_starts[self._place]
+            places.append(self._s)
+            segments.append(segment)
+        return _errors(points, passed, np.array(places), segments)
+
     def step(self, point: Vector, setpoint_segment: int) -> ContourError:
         """Contour error of the true TCP `point` (m, base_link) while the setpoint is on segment `setpoint_segment`.
 
@@ -61,6 +79,12 @@ class ContourTracker:
 
         Raises MachineFault if that segment has not been added, or lies behind the progress pointer.
         """
+        self._advance(point, setpoint_segment)
+        place, s = self._place, self._s
+        return _error(point, self._elements[place], s, self._path_starts[place] + s, self._offset + place)
+
+    def _advance(self, point: Vector, setpoint_segment: int) -> None:
+        """Take pointer and foot on to where `point` has them."""
         place = self._place
         last = setpoint_segment - self._offset
         if not place <= last < len(self._elements):
@@ -77,10 +101,8 @@ class ContourTracker:
         elif s > self._furthest:
             self._furthest = s
         self._s = s
-        error = _error(point, element, s, self._path_starts[place] + s, self._offset + place)
         if place >= _COMPACT_AT and 2 * place >= len(self._elements):
             self._drop_passed()
-        return error
 
     def _earliest_of_nearest(self, point: Vector, s: float, last: int) -> tuple[int, float]:
         """Place and foot of the element that has `point`, from the pointer (where the foot is `s`) to place `last`.
@@ -124,12 +146,33 @@ def _extent(element: Element) -> float:
 
 
 def _error(point: Vector, element: Element, s: float, path_length: float, segment: int) -> ContourError:
-    foot_x, foot_y, foot_z = element.position(s)
-    tx, ty, tz = element.tangent(s)
+    (foot_x, foot_y, foot_z), (tx, ty, tz), _ = element.frame(s)
     x, y, z = point[0] - foot_x, point[1] - foot_y, point[2] - foot_z
     horizontal = math.sqrt(tx * tx + ty * ty)
     left = up = math.nan
     if horizontal > VERTICAL:
-        left = (tx * y - ty * x) / horizontal
-        up = z * horizontal - tz * ((tx * x + ty * y) / horizontal)
+        left, up = _left_and_up(x, y, z, tx, ty, tz, horizontal)
     return ContourError(x, y, z, left, up, math.sqrt(x * x + y * y + z * z), path_length, segment)
+
+
+def _errors(
+    points: NDArray[np.float64], passed: dict[int, tuple[Element, float]], s: NDArray[np.float64], segments: list[int]
+) -> list[ContourError]:
+    """`_error` of each point (n, 3) with its foot at `s` (n,) on one of the elements passed (and where they start)."""
+    if not passed:
+        return []
+    elements, starts = zip(*passed.values(), strict=True)
+    which = np.searchsorted([*passed], segments)
+    feet, tangent, _ = frames(elements, which, s)
+    x, y, z = points.T - feet
+    tx, ty, tz = tangent
+    horizontal = np.sqrt(tx * tx + ty * ty)
+    left, up = _left_and_up(x, y, z, tx, ty, tz, np.where(horizontal > VERTICAL, horizontal, math.nan))
+    magnitude = np.sqrt(x * x + y * y + z * z)
+    columns = (x, y, z, left, up, magnitude, np.array(starts)[which] + s)
+    return [*map(ContourError, *(column.tolist() for column in columns), segments)]
+
+
+def _left_and_up(x: Any, y: Any, z: Any, tx: Any, ty: Any, tz: Any, horizontal: Any) -> tuple[Any, Any]:
+    """Of floats or of arrays of them."""
+    return (tx * y - ty * x) / horizontal, z * horizontal - tz * ((tx * x + ty * y) / horizontal)

@@ -55,7 +55,7 @@ def line_motion(setup: Setup, length: float, feed: float) -> LineMotion:
     lag = SETTLED / min(parts.drive.kv for parts in setup.axes.values())
     passed = profile.duration - (0.25 * length) / feed  # at the latest: the rest takes longer than at full feed
     cycles = math.ceil((passed + lag) / setup.servo_period)
-    _, s, v, a = np.array([profile.at(cycle * setup.servo_period) for cycle in range(cycles + 1)]).T
+    _, s, v, a = profile.at(np.arange(cycles + 1) * setup.servo_period)
     v[0] = a[0] = 0.0  # cycle 0 is the start at rest
     return LineMotion(length, s, v, a)
 

@@ -48,9 +48,9 @@ G3 X-30 Y-20 I10 J0
 G0 X-15 Y0
 G1 Z-3
 G1 X15
-G2 X15 Y8 I0 J4
+G3 X15 Y8 I0 J4
 G1 X-15
-G2 X-15 Y0 I0 J-4
+G3 X-15 Y0 I0 J-4
 M2
 """
 
@@ -184,7 +184,7 @@ def _programs(setup: Setup, feed: float) -> dict[str, str]:
         "star": star,
         "circle": circle(setup, 0.5 * feed, 50.0),
         "square": square(feed),
-        "plate": PLATE.format(feed=0.25 * feed),
+        "plate": PLATE.format(feed=0.4 * feed),
     }
 
 

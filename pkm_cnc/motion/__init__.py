@@ -11,7 +11,7 @@ from pkm_cnc.motion.feed_profile import Cell, FeedProfile, speeds_squared
 from pkm_cnc.motion.interpolator import Interpolator, Progress, Source
 from pkm_cnc.motion.limits import DriveLimits, LimitParameters, MotionParameters, refuse_long_ramp
 from pkm_cnc.motion.operator import STATE_NAMES, Operator
-from pkm_cnc.motion.piece import Curve, Piece, Shape
+from pkm_cnc.motion.piece import Curve, Piece, Shape, frames_of
 from pkm_cnc.motion.planner import Planner
 from pkm_cnc.motion.supply import Segment
 
@@ -31,6 +31,7 @@ __all__ = [
     "Segment",
     "Shape",
     "Source",
+    "frames_of",
     "pieces",
     "refuse_long_ramp",
     "speeds_squared",

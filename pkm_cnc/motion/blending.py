@@ -202,11 +202,7 @@ def _half(piece: Piece) -> float:
 
 
 def _between(before: Piece, after: Piece, reach: float) -> Curve:
-    return Curve(_ends(before, before.shape.length - reach), _ends(after, reach), 2.0 * reach)
-
-
-def _ends(piece: Piece, s: float) -> tuple[Vector, Vector, Vector]:
-    return piece.frame(s)
+    return Curve(before.shape.frame(before.shape.length - reach), after.shape.frame(reach), 2.0 * reach)
 
 
 def _deviation(curve: Curve, before: Piece, after: Piece) -> float:

@@ -198,13 +198,21 @@ class Block:
 
         With a limit of jerk for two cycles, so that the jerk of stopping is over before the next motion begins.
         """
-        samples = []
-        cycle = self._cycle
-        while (t := cycle * self._settings.period - self._time) < profile.duration:
-            index, s, v, a = profile.at(max(t, 0.0))
-            planned = self.cells[index]
-            samples.append(Sample(self.starts[index] + s, v, a, planned.piece, planned.begin + s))
-            cycle += 1
+        period = self._settings.period
+        last = math.ceil((self._time + profile.duration) / period) + 1  # or one or two before
+        times = np.arange(self._cycle, max(last, self._cycle) + 1) * period - self._time
+        cells, s, v, a = profile.at(np.maximum(times[times < profile.duration], 0.0))
+        paths, begins = np.array(self.starts), np.array([planned.begin for planned in self.cells])
+        samples = [
+            *map(
+                Sample,
+                (paths[cells] + s).tolist(),
+                v.tolist(),
+                a.tolist(),
+                [self.cells[index].piece for index in cells.tolist()],
+                (begins[cells] + s).tolist(),
+            )
+        ]
         if to_rest:
             planned = self.cells[-1]
             if self._until is not None:

@@ -12,14 +12,18 @@ reached, to brake.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pkm_cnc.tolerances import SPEED_ROUNDING
 
 __all__ = ["Cell", "FeedProfile", "entry_squared", "reachable_squared", "speeds_squared"]
+
+Array = NDArray[np.float64]
 
 Phase = tuple[int, float, float, float, float]
 """Index of the cell, path length from the cell's start where the phase begins and where it ends, v0, a."""
@@ -83,30 +87,31 @@ class FeedProfile:
     """
 
     def __init__(self, cells: Sequence[Cell], squares: Sequence[float]) -> None:
-        self._times: list[float] = []
-        self._phases: list[Phase] = []
+        times, phases = list[float](), list[Phase]()
         time = rest = 0.0
         for duration, phase in _phases(cells, squares):
-            self._times.append(time)
-            self._phases.append(phase)
+            times.append(time)
+            phases.append(phase)
             end = time + (duration + rest)
             rest += duration - (end - time)  # Kahan summation: the error of the sum does not grow with its terms
             time = end
         self.duration = time
+        self._times = np.array(times)
+        self._phases = [np.array(column) for column in zip(*phases, strict=True)]
         self._end = len(cells) - 1, cells[-1].length, math.sqrt(squares[-1]), 0.0
 
-    def at(self, t: float) -> tuple[int, float, float, float]:
-        """Cell, path length from the cell's start (m), path speed (m/s) and acceleration (m/s^2) at t >= 0 s.
+    def at(self, t: NDArray[Any]) -> tuple[NDArray[np.intp], Array, Array, Array]:
+        """Cell, path length from the cell's start (m), path speed (m/s) and acceleration (m/s^2) at t >= 0 s, (k,).
 
         From `duration` on it is the end, exactly. The path length is counted within the cell, so that it is as exact
         after many cells as in the first.
         """
-        if t >= self.duration:
-            return self._end
-        index = bisect_right(self._times, t) - 1
-        cell, begin, end, v, a = self._phases[index]
-        dt = t - self._times[index]
-        return cell, min(begin + dt * (v + 0.5 * a * dt), end), max(v + a * dt, 0.0), a
+        phase = np.searchsorted(self._times, t, side="right") - 1
+        cell, begin, end, v, a = (column[phase] for column in self._phases)
+        dt = t - self._times[phase]
+        found = cell, np.minimum(begin + dt * (v + 0.5 * a * dt), end), np.maximum(v + a * dt, 0.0), a
+        index, s, v, a = (np.where(t >= self.duration, last, here) for last, here in zip(self._end, found, strict=True))
+        return index, s, v, a
 
 
 def _phases(cells: Sequence[Cell], squares: Sequence[float]) -> Iterator[tuple[float, Phase]]:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pkm_cnc.motion.feed_profile import Cell
 from pkm_cnc.motion.limits import DriveLimits, MotionParameters
-from pkm_cnc.motion.piece import Curve, Piece
+from pkm_cnc.motion.piece import Curve, Piece, frames_of
 from pkm_cnc.program import Arc, Line
 
 __all__ = ["PieceEnd", "PlannedCell", "cells_of"]
@@ -74,30 +74,45 @@ def cells_of(
     `scale` > 0 is the override: the feeds are multiplied by it, nothing else is. `period` is the servo period, s.
     Raises UnreachableError for a place that the machine does not reach.
     """
-    counts = [_count(piece) for piece in group]
-    samples = _samples(group, counts, drives)
-    result: list[PlannedCell] = []
-    row = 0
-    for piece, count in zip(group, counts, strict=True):
-        here = _Samples(*(part[row : row + 2 * count + 1] for part in samples))
-        row += 2 * count + 1
-        planned, start, end = _piece_cells(piece, here, motion, drives, piece.feed * scale)
-        if before is not None:
-            node = min(before.node, start.node, _jump_limit(before, start, motion, drives, period))
-            planned[0] = planned[0]._replace(node=node)
-        result += planned
-        before = end
-    assert before is not None
-    return result, before
+    rows = np.array([2 * _count(piece) + 1 for piece in group])
+    begins = np.cumsum(rows) - rows
+    samples = _samples(group, rows, drives)
+    feeds = np.array([piece.feed for piece in group]) * scale
+    bend = np.sqrt((samples.curvature**2).sum(axis=1))
+    top = np.minimum(np.repeat(feeds * feeds, rows), _over(motion.centripetal_acceleration, bend))
+    free = _free(samples, top, begins, motion, drives)
+    found = [
+        _free_cell(piece, float(top[begin]), motion)
+        if alone
+        else _limited_cells(piece, samples.at(slice(begin, begin + count)), top[begin : begin + count], motion, drives)
+        for piece, begin, count, alone in zip(group, begins.tolist(), rows.tolist(), free.tolist(), strict=True)
+    ]
+    firsts, lasts = samples.at(begins), samples.at(begins + rows - 1)
+    ends = [
+        PieceEnd(tangent, curvature, first, second, node, piece.length)
+        for piece, (_, node), tangent, curvature, first, second in zip(group, found, *lasts, strict=True)
+    ]
+    earlier = ends[:-1] if before is None else [before, *ends[:-1]]
+    if earlier:
+        later = slice(len(group) - len(earlier), None)
+        lengths = np.array([piece.length for piece in group[later]])
+        limits = _jump_limits(earlier, firsts.at(later), lengths, motion, drives, period).tolist()
+        for (planned, _), end, limit in zip(found[later], earlier, limits, strict=True):
+            planned[0] = planned[0]._replace(node=min(end.node, planned[0].node, limit))
+    return [cell for planned, _ in found for cell in planned], ends[-1]
 
 
 class _Samples(NamedTuple):
-    """At the nodes of cells and between them in turn (2 n + 1 rows): tangent, curvature; u', u'' of the drives."""
+    """At the nodes of n cells a piece and between them in turn, 2 n + 1 rows: tangent, curvature; drives' u', u''."""
 
     tangent: Array
     curvature: Array
     first: Array
     second: Array
+
+    def at(self, rows: slice | NDArray[np.intp]) -> _Samples:
+        """Some of the rows."""
+        return _Samples(*(part[rows] for part in self))
 
 
 def _count(piece: Piece) -> int:
@@ -106,60 +121,52 @@ def _count(piece: Piece) -> int:
     return max(least, math.ceil(piece.length / longest))
 
 
-def _samples(group: Sequence[Piece], counts: Sequence[int], drives: DriveLimits) -> _Samples:
-    position, tangent, curvature = (np.concatenate(parts) for parts in zip(*map(_places, group, counts), strict=True))
+def _samples(group: Sequence[Piece], rows: NDArray[np.intp], drives: DriveLimits) -> _Samples:
+    which = np.repeat(np.arange(len(group)), rows)
+    number = np.arange(len(which)) - (np.cumsum(rows) - rows)[which]
+    begins, lengths = np.array([(piece.begin, piece.length) for piece in group]).T
+    straight = np.array([isinstance(piece.shape, Line) for piece in group])  # long ones have many cells
+    along = np.where(
+        straight[which], lengths[which] * number / (rows - 1)[which], number * (lengths / (rows - 1))[which]
+    )
+    s = begins[which] + along
+    position, tangent, curvature = frames_of([piece.shape for piece in group], which, s).transpose(0, 2, 1)
     _, first, second = drives.motion(position, tangent, curvature)
     return _Samples(tangent, curvature, first, second)
 
 
-def _places(piece: Piece, count: int) -> tuple[Array, Array, Array]:
-    """Position, tangent, curvature (2 n + 1, 3) at the nodes and middles of n cells."""
-    shape, rows = piece.shape, 2 * count + 1
-    if isinstance(shape, Line):  # long ones have many cells: all at once
-        s = piece.begin + piece.length * np.arange(rows)[:, None] / (rows - 1)
-        tangent = np.array(shape.tangent(0.0))
-        return np.array(shape.start) + s * tangent, np.tile(tangent, (rows, 1)), np.zeros((rows, 3))
-    step = piece.length / (rows - 1)
-    table = np.array([piece.frame(piece.begin + k * step) for k in range(rows)])
-    return table[:, 0], table[:, 1], table[:, 2]
+def _free(
+    samples: _Samples, top: Array, begins: NDArray[np.intp], motion: MotionParameters, drives: DriveLimits
+) -> NDArray[np.bool_]:
+    """Which of the pieces that begin in these rows nothing limits but feed and acceleration along the path."""
+    if motion.jerk > 0.0 or bool(np.isfinite(drives.jerk).any()):
+        return np.zeros(len(begins), dtype=bool)
+    worst = np.maximum.reduceat(top, begins)
+    w = np.repeat(worst, np.diff(begins, append=len(top)))[:, None]
+    drive = np.abs(samples.first) * motion.acceleration + np.abs(samples.second) * w
+    kept = (drive <= NEAR_LIMIT * drives.acceleration).all(axis=1)
+    kept &= (np.abs(samples.first) * np.sqrt(w) <= NEAR_LIMIT * drives.velocity).all(axis=1)
+    return np.asarray((worst == np.minimum.reduceat(top, begins)) & np.logical_and.reduceat(kept, begins))
 
 
-def _piece_cells(
-    piece: Piece, samples: _Samples, motion: MotionParameters, drives: DriveLimits, feed: float
-) -> tuple[list[PlannedCell], PieceEnd, PieceEnd]:
-    count = len(samples.tangent) // 2
+def _free_cell(piece: Piece, limit: float, motion: MotionParameters) -> tuple[list[PlannedCell], float]:
+    cell = Cell(piece.length, limit, ((0.0, motion.acceleration),))
+    return [PlannedCell(cell, piece, piece.begin, limit)], limit
+
+
+def _limited_cells(
+    piece: Piece, samples: _Samples, top: Array, motion: MotionParameters, drives: DriveLimits
+) -> tuple[list[PlannedCell], float]:
+    """The cells of a piece, and what w may be at its end; `top` is the largest w by feed and curvature."""
+    count = len(top) // 2
     length = piece.length / count
-    bend = np.sqrt((samples.curvature**2).sum(axis=1))
-    top = np.full(len(bend), feed * feed)
-    np.minimum(top, _over(motion.centripetal_acceleration, bend), out=top)
-    smooth = motion.jerk > 0.0 or bool(np.isfinite(drives.jerk).any())
-    worst = float(top.max())
-    drive = np.abs(samples.first) * motion.acceleration + np.abs(samples.second) * worst
-    free = (
-        not smooth
-        and worst == float(top.min())
-        and bool((drive <= NEAR_LIMIT * drives.acceleration).all())
-        and bool((np.abs(samples.first) * math.sqrt(worst) <= NEAR_LIMIT * drives.velocity).all())
-    )
-    if free:
-        cell = Cell(piece.length, worst, ((0.0, motion.acceleration),))
-        planned = [PlannedCell(cell, piece, piece.begin, worst)]
-        nodes = [worst, worst]
-    else:
-        np.minimum(top, (_over(drives.velocity, np.abs(samples.first)) ** 2).min(axis=1), out=top)
-        limits, lines = _cell_limits(samples, length, motion, drives)
-        nodes = np.minimum(top[::2], np.minimum(np.append(limits, np.inf), np.append(np.inf, limits))).tolist()
-        planned = [
-            PlannedCell(Cell(length, nodes[k], lines[k]), piece, piece.begin + k * length, nodes[k])
-            for k in range(count)
-        ]
-    ends = [
-        PieceEnd(
-            samples.tangent[row], samples.curvature[row], samples.first[row], samples.second[row], node, piece.length
-        )
-        for row, node in ((0, nodes[0]), (-1, nodes[-1]))
+    top = np.minimum(top, (_over(drives.velocity, np.abs(samples.first)) ** 2).min(axis=1))
+    limits, lines = _cell_limits(samples, length, motion, drives)
+    nodes = np.minimum(top[::2], np.minimum(np.append(limits, np.inf), np.append(np.inf, limits))).tolist()
+    planned = [
+        PlannedCell(Cell(length, nodes[k], lines[k]), piece, piece.begin + k * length, nodes[k]) for k in range(count)
     ]
-    return planned, ends[0], ends[1]
+    return planned, nodes[-1]
 
 
 def _cell_limits(
@@ -189,29 +196,38 @@ def _cell_limits(
     return limit, lines
 
 
-def _jump_limit(
-    before: PieceEnd, after: PieceEnd, motion: MotionParameters, drives: DriveLimits, period: float
-) -> float:
-    """Largest w at a junction, (m/s)^2."""
-    turn, bend = _length(after.tangent - before.tangent), _length(after.curvature - before.curvature)
-    first, second = np.abs(after.first - before.first), np.abs(after.second - before.second)
+def _jump_limits(
+    before: Sequence[PieceEnd],
+    after: _Samples,
+    lengths: Array,
+    motion: MotionParameters,
+    drives: DriveLimits,
+    period: float,
+) -> Array:
+    """Largest w at junctions, (m/s)^2; `after` has a row, and `lengths` (m) a number, for each piece behind one."""
+    tangent, curvature, first, second = (np.array([end[part] for end in before]) for part in range(4))
+    turn, bend = _length(after.tangent - tangent), _length(after.curvature - curvature)
+    first, second = np.abs(after.first - first), np.abs(after.second - second)
+    shorter = np.minimum([end.length for end in before], lengths)
     across = motion.centripetal_acceleration
-    limits = [np.inf]
-    if turn > LITTLE:
-        limits += [(across * period / turn) ** 2, across * min(before.length, after.length) / turn]
-        limits.append(float(_over(drives.acceleration * period, first).min()) ** 2)
-        limits.append(float(_over(drives.jerk * period * period, first).min()) ** 2)
-        if motion.jerk > 0.0:
-            limits.append((motion.jerk * period * period / turn) ** 2)
-    if bend > LITTLE:
-        limits.append(float(_over(drives.jerk * period, second).min()))
-        if motion.jerk > 0.0:
-            limits.append(motion.jerk * period / bend)
-    return float(min(limits))
+    turning = [
+        _over(across * period, turn) ** 2,
+        _over(across * shorter, turn),
+        _over(drives.acceleration * period, first).min(axis=1) ** 2,
+        _over(drives.jerk * period * period, first).min(axis=1) ** 2,
+    ]
+    bending = [_over(drives.jerk * period, second).min(axis=1)]
+    if motion.jerk > 0.0:
+        turning.append(_over(motion.jerk * period * period, turn) ** 2)
+        bending.append(_over(motion.jerk * period, bend))
+    by_turn = np.where(turn > LITTLE, np.min(turning, axis=0), np.inf)
+    by_bend = np.where(bend > LITTLE, np.min(bending, axis=0), np.inf)
+    return np.asarray(np.minimum(by_turn, by_bend))
 
 
-def _length(vector: Array) -> float:
-    return math.sqrt(float(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2))
+def _length(vectors: Array) -> Array:
+    x, y, z = vectors.T
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
 def _over(limit: float | Array, value: Array) -> Array:

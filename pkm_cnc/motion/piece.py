@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pkm_cnc.program import PathMode
+from pkm_cnc.program import Element, Frame, PathMode, frames
 from pkm_cnc.records import Vector
 
-__all__ = ["Curve", "Mark", "Piece", "Shape"]
+__all__ = ["Curve", "Mark", "Piece", "Shape", "frames_of", "places_on"]
 
 INTERVALS = 128
 """Knots of a curve's parameter by its length. The path speed is then right to 1e-6 of itself round a right angle and to
@@ -37,6 +38,9 @@ class Shape(Protocol):
 
     def curvature(self, s: float) -> Vector:
         """Derivative of the tangent by s at `s`, 1/m."""
+
+    def frame(self, s: float) -> Frame:
+        """Position, tangent and curvature at `s`."""
 
 
 class Mark(NamedTuple):
@@ -69,11 +73,6 @@ class Piece:
     mode: PathMode
     traverse: bool
     stop: bool = False
-
-    def frame(self, s: float) -> tuple[Vector, Vector, Vector]:
-        """Position (m), tangent and curvature (1/m) at `s` (m, on the shape)."""
-        shape = self.shape
-        return shape.frame(s) if isinstance(shape, Curve) else (shape.position(s), shape.tangent(s), shape.curvature(s))
 
     def place(self, s: float) -> tuple[int, float]:
         """Segment of the toolpath and path length along it, m, at `s` (m, on the shape)."""
@@ -154,7 +153,7 @@ class Curve:
         """Derivative of the tangent by the path length (1/m) at `s` (m)."""
         return self.frame(s)[2]
 
-    def frame(self, s: float) -> tuple[Vector, Vector, Vector]:
+    def frame(self, s: float) -> Frame:
         """Position, tangent and curvature at `s` (m): together they cost little more than one of them."""
         if s <= 0.0:
             return self.start
@@ -178,3 +177,33 @@ class Curve:
             (vx / rate, vy / rate, vz / rate),
             ((wx - along * vx) / square, (wy - along * vy) / square, (wz - along * vz) / square),
         )
+
+
+def frames_of(shapes: Sequence[Shape], which: NDArray[np.intp], s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Position, tangent and curvature at `s` (k,), m, of `shapes[which]`: (3, 3, k), to the bit as `Shape.frame`."""
+    curved = np.array([isinstance(shape, Curve) for shape in shapes])
+    if not curved.any():
+        return frames(cast("Sequence[Element]", shapes), which, s)
+    result = np.empty((3, 3, len(s)))
+    for row in np.flatnonzero(curved[which]).tolist():
+        result[:, :, row] = shapes[which[row]].frame(float(s[row]))
+    rows = np.flatnonzero(~curved[which])
+    if len(rows):
+        elements = [shape for shape in shapes if not isinstance(shape, Curve)]
+        result[:, :, rows] = frames(cast("Sequence[Element]", elements), (np.cumsum(~curved) - 1)[which[rows]], s[rows])
+    return result
+
+
+def places_on(
+    pieces: Sequence[Piece], which: NDArray[np.intp], s: NDArray[np.float64]
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Segments of the toolpath and path lengths along it, m, at `s` (k,), m, on the shapes of `pieces[which]`."""
+    marks = [mark for piece in pieces for mark in piece.marks]
+    firsts = np.cumsum([0, *(len(piece.marks) for piece in pieces)])
+    index = firsts[which]
+    for number, piece in enumerate(pieces):
+        if len(piece.marks) > 1:
+            rows = np.flatnonzero(which == number)
+            index[rows] += np.maximum(np.searchsorted([mark.s for mark in piece.marks], s[rows], side="right") - 1, 0)
+    begins, segments, path_lengths, rates, _ = (np.array(column)[index] for column in zip(*marks, strict=True))
+    return segments, path_lengths + rates * (s - begins)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import groupby, repeat
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pkm_cnc.motion.piece import Piece
+from pkm_cnc.motion.piece import Piece, frames_of, places_on
 from pkm_cnc.records import PHASE_MOVE, TcpSetpoint
 
 __all__ = ["Sample", "exact_setpoints", "mean_setpoints"]
+
+Array = NDArray[np.float64]
 
 
 class Sample(NamedTuple):
@@ -26,7 +29,10 @@ class Sample(NamedTuple):
 
 def exact_setpoints(samples: Sequence[Sample]) -> list[TcpSetpoint]:
     """The setpoint of each sample."""
-    return [_setpoint(sample.piece, sample.s, sample.v, sample.a) for sample in samples]
+    if not samples:
+        return []
+    _, v, a, pieces, s = zip(*samples, strict=True)
+    return _setpoints(pieces, np.array(s), np.array(v), np.array(a))
 
 
 def mean_setpoints(samples: Sequence[Sample], taps: int, places: Sequence[tuple[float, Piece]]) -> list[TcpSetpoint]:
@@ -36,28 +42,34 @@ def mean_setpoints(samples: Sequence[Sample], taps: int, places: Sequence[tuple[
     path lengths is a path length, so it is on the path; v and a are means too, which makes them its derivatives. A
     sample at rest that follows `taps` - 1 others is its own mean.
     """
+    if len(samples) < taps:
+        return []
     table = np.array([sample[:3] for sample in samples])
+    rests = table[: 1 - taps, 0] == table[taps - 1 :, 0]
     table[:, 0] -= samples[0].path
     sums = np.concatenate((np.zeros((1, 3)), np.cumsum(table, axis=0)))
-    means = (sums[taps:] - sums[:-taps]) / taps
-    begins = [begin for begin, _ in places]
-    result = []
-    for (path, v, a), first, last in zip(means.tolist(), samples, samples[taps - 1 :], strict=False):
-        if first.path == last.path:
-            result.append(_setpoint(last.piece, last.s, 0.0, 0.0))
-            continue
-        path += samples[0].path
-        begin, piece = places[max(bisect_right(begins, path) - 1, 0)]
-        result.append(_setpoint(piece, piece.begin + (path - begin), v, a))
-    return result
+    path, v, a = ((sums[taps:] - sums[:-taps]) / taps).T
+    path += samples[0].path
+    begins = np.array([begin for begin, _ in places])
+    firsts = np.array([piece.begin for _, piece in places])
+    index = np.maximum(np.searchsorted(begins, path, side="right") - 1, 0)
+    s = firsts[index] + (path - begins[index])
+    pieces = [places[number][1] for number in index.tolist()]
+    for row in np.flatnonzero(rests).tolist():
+        pieces[row], s[row] = samples[row + taps - 1].piece, samples[row + taps - 1].s
+    return _setpoints(pieces, s, np.where(rests, 0.0, v), np.where(rests, 0.0, a))
 
 
-def _setpoint(piece: Piece, s: float, v: float, a: float) -> TcpSetpoint:
-    segment, path_length = piece.place(s)
-    if v == 0.0 and a == 0.0:
-        x, y, z = piece.shape.position(s)
-        return TcpSetpoint(x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, path_length, piece.feed, segment, PHASE_MOVE)
-    (x, y, z), (tx, ty, tz), (cx, cy, cz) = piece.frame(s)
-    w = v * v
-    ax, ay, az = a * tx + w * cx, a * ty + w * cy, a * tz + w * cz
-    return TcpSetpoint(x, y, z, v * tx, v * ty, v * tz, ax, ay, az, path_length, piece.feed, segment, PHASE_MOVE)
+def _setpoints(pieces: Sequence[Piece], s: Array, v: Array, a: Array) -> list[TcpSetpoint]:
+    """Setpoints at `s` (k,) m on the shapes of `pieces` (k,), with v (k,) m/s and a (k,) m/s^2."""
+    groups = [[*group] for _, group in groupby(pieces, id)]
+    few = [group[0] for group in groups]
+    which = np.repeat(np.arange(len(few)), [len(group) for group in groups])
+    position, tangent, curvature = frames_of([piece.shape for piece in few], which, s)
+    rests = (v == 0.0) & (a == 0.0)
+    velocity = np.where(rests, 0.0, v * tangent)
+    acceleration = np.where(rests, 0.0, a * tangent + v * v * curvature)
+    segments, path_lengths = places_on(few, which, s)
+    motion = [row.tolist() for vectors in (position, velocity, acceleration) for row in vectors]
+    feeds = [piece.feed for piece in pieces]
+    return [*map(TcpSetpoint, *motion, path_lengths.tolist(), feeds, segments.tolist(), repeat(PHASE_MOVE))]

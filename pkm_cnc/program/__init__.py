@@ -3,6 +3,7 @@
 from pkm_cnc.program.arcs import ArcFeed
 from pkm_cnc.program.blocks import Program, ProgramError, program_from_bytes, read_program
 from pkm_cnc.program.canon import canonical_events, canonical_motion
+from pkm_cnc.program.frames import frames
 from pkm_cnc.program.interpreter import (
     NOT_EVALUATED_COMMENT,
     Motion,
@@ -19,6 +20,7 @@ from pkm_cnc.program.toolpath import (
     Element,
     Event,
     EventKind,
+    Frame,
     Line,
     Numbering,
     PathMode,
@@ -37,6 +39,7 @@ __all__ = [
     "Element",
     "Event",
     "EventKind",
+    "Frame",
     "Line",
     "Motion",
     "Numbering",
@@ -56,6 +59,7 @@ __all__ = [
     "carried_original",
     "carry_original",
     "element_comment",
+    "frames",
     "interpret",
     "program_from_bytes",
     "read_elements",

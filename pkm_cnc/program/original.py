@@ -115,16 +115,19 @@ def led_by_marks(
 
 
 def _led_along(owner: Element | None, group: list[Element | Event]) -> Iterator[Element | Event]:
-    """`group` with each motion's place on `owner`, by its share of their length."""
-    total = sum(item.length for item in group if not isinstance(item, Event))
+    """`group` with each motion's place on `owner`, by its share of their time.
+
+    A compensated motion takes as long as the piece of the contour that it stands for; as long it is not.
+    """
+    time = sum(item.length / item.feed for item in group if not isinstance(item, Event))
     done = 0.0
     for item in group:
         if isinstance(item, Event) or owner is None:
             yield item
             continue
-        rate = owner.length / total
-        yield dataclasses.replace(item, line=owner.line, places=(Place(0.0, owner, done * rate, rate),))
-        done += item.length
+        rate = owner.length / (time * item.feed)
+        yield dataclasses.replace(item, line=owner.line, places=(Place(0.0, owner, done, rate),))
+        done += item.length * rate
 
 
 def led_by_length(

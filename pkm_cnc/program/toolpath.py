@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pkm_cnc.records import Vector
 from pkm_cnc.tolerances import ZERO_LENGTH
@@ -23,6 +23,7 @@ __all__ = [
     "Element",
     "Event",
     "EventKind",
+    "Frame",
     "Line",
     "Numbering",
     "PathMode",
@@ -31,6 +32,8 @@ __all__ = [
     "Spot",
     "Toolpath",
     "Totals",
+    "on_arc",
+    "turned",
 ]
 
 _NEWTON_STEPS = 60
@@ -68,6 +71,9 @@ class PathMode(NamedTuple):
 
 
 EXACT_PATH = PathMode("G61")
+
+Frame = tuple[Vector, Vector, Vector]
+"""Position (m), unit tangent and curvature (the tangent's derivative by the path length, 1/m)."""
 
 
 EventKind = Literal[
@@ -161,6 +167,10 @@ class Line:
         """Derivative of the tangent by the path length (1/m): zero."""
         return 0.0, 0.0, 0.0
 
+    def frame(self, s: float) -> Frame:
+        """Position (m), tangent and curvature (1/m) at path length `s` (m)."""
+        return self.position(s), self._tangent, (0.0, 0.0, 0.0)
+
     def nearest(self, point: Vector, near: float) -> float:
         """Path length (m) in [0, length] of the point of the line nearest to `point` (m); `near` is not needed."""
         px, py, pz = point
@@ -178,8 +188,10 @@ class Arc:
 
     The first fields are those of `Line`. `sweep` (rad) is the angle travelled, + counter-clockwise seen from the tip
     of the plane's normal (+z, +x, +y); a full circle has `sweep` = +-2 pi, more turns have more. `center` (m) has the
-    coordinate of `start` along the normal; where that of `end` differs the arc is a helix. `radius` (m), in the plane,
-    and `length` (m), along the path, follow.
+    coordinate of `start` along the normal; where that of `end` differs the arc is a helix.
+
+    What follows: `radius` (m), in the plane; `length` (m), along the path; `spoke` (m), from the axis to the start, in
+    the plane; `turning` (rad/m of path, + counter-clockwise); `climb` (m along the normal per m of path).
     """
 
     line: int
@@ -195,13 +207,15 @@ class Arc:
     places: tuple[Place, ...] = field(default=(), repr=False, compare=False)
     radius: float = field(init=False, repr=False, compare=False)
     length: float = field(init=False, repr=False, compare=False)
-    _spoke: tuple[float, float] = field(init=False, repr=False, compare=False)  # center to start, in the plane
-    _turning: float = field(init=False, repr=False, compare=False)  # rad per m of path, + counter-clockwise
-    _climb: float = field(init=False, repr=False, compare=False)  # m along the normal per m of path
+    spoke: tuple[float, float] = field(init=False, repr=False, compare=False)
+    turning: float = field(init=False, repr=False, compare=False)
+    climb: float = field(init=False, repr=False, compare=False)
+    _middle: Vector = field(init=False, repr=False, compare=False)  # the center in coordinates of the plane
 
     def __post_init__(self) -> None:
         a, b, c = self.plane.coordinates(self.start)
-        center_a, center_b, _ = self.plane.coordinates(self.center)
+        middle = self.plane.coordinates(self.center)
+        center_a, center_b, _ = middle
         x, y, rise = a - center_a, b - center_b, self.plane.coordinates(self.end)[2] - c
         radius = math.sqrt(x * x + y * y)
         length = radius * abs(self.sweep)
@@ -211,31 +225,33 @@ class Arc:
             turning, climb = self.sweep / length, rise / length
         object.__setattr__(self, "radius", radius)
         object.__setattr__(self, "length", length)
-        object.__setattr__(self, "_spoke", (x, y))
-        object.__setattr__(self, "_turning", turning)
-        object.__setattr__(self, "_climb", climb)
+        object.__setattr__(self, "spoke", (x, y))
+        object.__setattr__(self, "turning", turning)
+        object.__setattr__(self, "climb", climb)
+        object.__setattr__(self, "_middle", middle)
 
     def position(self, s: float) -> Vector:
         """Point at path length `s` (m), exactly `start` at and before 0, exactly `end` at and after `length`."""
-        if s <= 0.0:
-            return self.start
-        if s >= self.length:
-            return self.end
-        x, y = self._spoke_at(s)
-        a, b, c = self.plane.coordinates(self.center)
-        return self.plane.vector(a + x, b + y, c + s * self._climb)
+        return self.frame(s)[0]
 
     def tangent(self, s: float) -> Vector:
         """Unit tangent in the direction of travel at path length `s` (m), clamped to [0, length]."""
-        x, y = self._spoke_at(s)
-        turning = self._turning
-        return self.plane.vector(-turning * y, turning * x, self._climb)
+        return self.frame(s)[1]
 
     def curvature(self, s: float) -> Vector:
         """Derivative of the tangent by the path length (1/m) at `s` (m), clamped to [0, length]: towards the axis."""
-        x, y = self._spoke_at(s)
-        square = self._turning * self._turning
-        return self.plane.vector(-square * x, -square * y, 0.0)
+        return self.frame(s)[2]
+
+    def frame(self, s: float) -> Frame:
+        """Position (m), tangent and curvature (1/m) at `s` (m): together they cost little more than one of them."""
+        spoke = self.spoke
+        if s > 0.0:
+            angle = min(s, self.length) * self.turning
+            spoke = turned(spoke, math.cos(angle), math.sin(angle))
+        vector = self.plane.vector
+        position, tangent, curvature = on_arc(self._middle, spoke, self.turning, self.climb, s)
+        point = self.start if s <= 0.0 else self.end if s >= self.length else vector(*position)
+        return point, vector(*tangent), vector(*curvature)
 
     def nearest(self, point: Vector, near: float) -> float:
         """Path length (m) in [0, length] of the point of the arc nearest to `point` (m).
@@ -247,13 +263,13 @@ class Arc:
         of it: `near`, clamped.
         """
         a, b, c = self.plane.coordinates(point)
-        center_a, center_b, center_c = self.plane.coordinates(self.center)
+        center_a, center_b, center_c = self._middle
         dx, dy = a - center_a, b - center_b
-        x, y = self._spoke
+        x, y = self.spoke
         angle = math.atan2(x * dy - y * dx, x * dx + y * dy)
-        if self._turning < 0.0:
+        if self.turning < 0.0:
             angle = -angle
-        if self._climb != 0.0:
+        if self.climb != 0.0:
             return self._nearest_on_helix(math.sqrt(dx * dx + dy * dy), angle, c - center_c, near)
         return self._nearest_on_circle(dx * dx + dy * dy, angle, near)
 
@@ -280,7 +296,7 @@ class Arc:
         """
         turn = abs(self.sweep)
         speed = self.length / turn
-        h, rd = self._climb * speed, self.radius * distance
+        h, rd = self.climb * speed, self.radius * distance
         low, high = 0.0, turn
         if turn >= math.tau:
             middle = min(max(near / speed, 0.0), turn)
@@ -299,16 +315,17 @@ class Arc:
         best = min(found, key=lambda t: 0.5 * (h * t - height) ** 2 - rd * math.cos(t - angle))
         return min(best * speed, self.length)
 
-    def _spoke_at(self, s: float) -> tuple[float, float]:
-        """From the axis to the point at `s`, in the plane: the start's spoke turned by the angle travelled."""
-        if s <= 0.0:
-            return self._spoke
-        if s > self.length:
-            s = self.length
-        angle = s * self._turning
-        cosine, sine = math.cos(angle), math.sin(angle)
-        x, y = self._spoke
-        return x * cosine - y * sine, x * sine + y * cosine
+
+def turned(spoke: tuple[Any, Any], cosine: Any, sine: Any) -> tuple[Any, Any]:
+    """A spoke of an arc turned by an angle; floats, or arrays with one element per spoke."""
+    x, y = spoke
+    return x * cosine - y * sine, x * sine + y * cosine
+
+
+def on_arc(center: Sequence[Any], spoke: tuple[Any, Any], turning: Any, climb: Any, s: Any) -> tuple[Any, Any, Any]:
+    """Position, tangent and curvature by the arc's fields, in coordinates of its plane; floats, or arrays of them."""
+    (a, b, c), (x, y), square = center, spoke, turning * turning
+    return (a + x, b + y, c + s * climb), (-turning * y, turning * x, climb), (-square * x, -square * y, 0.0)
 
 
 def _convex_parts(low: float, high: float, angle: float, half: float) -> Iterator[tuple[float, float]]:
