@@ -7,7 +7,7 @@ Position controller and velocity loop of one axis are one discrete linear system
 with the position error among the states and the increment of the setpoint as input: nothing in it grows with the
 distance travelled, and rounding stays that of the tracking error. It is the same system that `simulation` steps (the
 velocity loop discretised exactly), and is equal to it within 1e-12 m over a minute; not to the bit, because it adds in
-another order.
+another order. Commands that wait for a dead time to pass are states, too.
 
 It advances a block of cycles at a time: the outputs of a block are (its inputs) * H + (the state before it) * O with
 the impulse response in H. That needs no eigenvalues, which nearly coincide for some drives, and the product works on
@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError, MachineFault
+from pkm_cnc.plant import DEAD_TIME
 from pkm_cnc.plant.velocity_loop import exact_discretisation
 from pkm_cnc.servo import CASCADE_STATES, DriveParameters, cascade_state_space, filter_step
 
@@ -57,9 +58,10 @@ def linear(setup: Setup) -> None:
             "it off, or run the step loop"
         )
     for axis, parts in setup.axes.items():
-        if by := setup.imperfect(axis):
+        if (by := setup.imperfect(axis)) not in ("", DEAD_TIME):
             raise InputError(
-                f"{axis}: {by} makes the axis imperfect, and the array path takes ideal ones alone: run the step loop"
+                f"{axis}: {by} makes the axis imperfect, and the array path takes ideal ones alone, but for their dead "
+                "time: run the step loop"
             )
         if parts.scale.noise != 0.0:
             raise InputError(
@@ -187,12 +189,47 @@ class _VelocityLoop(NamedTuple):
 
 
 def _velocity_loop(drive: DriveParameters, pitch: float, period: float) -> _VelocityLoop:
-    if drive.kind == "first_order":  # the one state is the command that was held last
-        return _VelocityLoop(np.zeros((1, 1)), np.ones(1), np.zeros(1), period, np.ones(1))
-    a, b = exact_discretisation(cascade_state_space(drive, pitch), period)
+    if drive.dead_time != 0.0:
+        return _late_velocity_loop(drive, pitch, period)
+    a, b = _over(drive, pitch, period)
+    return _VelocityLoop(a[:-1, :-1], b[:-1], a[-1, :-1], float(b[-1]), _velocity(drive, pitch))
+
+
+def _late_velocity_loop(drive: DriveParameters, pitch: float, period: float) -> _VelocityLoop:
+    """States: those of the loop without dead time, then the commands that have not acted to their end, newest first.
+
+    The dead time is `whole` periods and a rest `late`: until `late` in a period the command acts that is whole + 1
+    periods old, then the next. Both parts are exact for a `late` below 0, too, where the first runs backwards: so the
+    response has a derivative by the dead time at 0, of which an identification makes use.
+    """
+    whole = max(0, math.floor(drive.dead_time / period * (1.0 + 1e-12)))
+    late = drive.dead_time - whole * period
+    (a1, b1), (a2, b2) = _over(drive, pitch, late), _over(drive, pitch, period - late)
+    own = len(b1) - 1
+    states = own + whole + 1
+    signals = np.eye(states + 2)
+    slider, command = signals[states:]
+    commands = np.vstack([command, signals[own:states]])  # by age
+    inner = np.vstack([signals[:own], slider])
+    inner_after = a2 @ (a1 @ inner + np.outer(b1, commands[whole + 1])) + np.outer(b2, commands[whole])
+    after, displacement = np.vstack([inner_after[:-1], commands[:-1]]), inner_after[-1]
+    velocity = np.concatenate([_velocity(drive, pitch), np.zeros(whole + 1)])
+    return _VelocityLoop(after[:, :states], after[:, -1], displacement[:states], float(displacement[-1]), velocity)
+
+
+def _over(drive: DriveParameters, pitch: float, time: float) -> tuple[Array, Array]:
+    """(A, B) of x after `time` (s) = A x + B c for a held command c, the slider's position last."""
+    if drive.kind == "first_order":  # the other state is the command that was held last
+        return np.array([[0.0, 0.0], [0.0, 1.0]]), np.array([1.0, time])
+    return exact_discretisation(cascade_state_space(drive, pitch), time)
+
+
+def _velocity(drive: DriveParameters, pitch: float) -> Array:
+    """Slider velocity over the states without the position."""
+    if drive.kind == "first_order":
+        return np.ones(1)
     screw = pitch / (2.0 * math.pi)
-    velocity = np.array([screw if name == "motor_speed" else 0.0 for name in CASCADE_STATES[:4]])
-    return _VelocityLoop(a[:4, :4], b[:4], a[4, :4], float(b[4]), velocity)
+    return np.array([screw if name == "motor_speed" else 0.0 for name in CASCADE_STATES[:4]])
 
 
 class _BlockStep(NamedTuple):

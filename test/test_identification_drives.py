@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from pkm_cnc.array_path import respond
 from pkm_cnc.config import load_setup, setup_from_text
 from pkm_cnc.errors import InputError
 from pkm_cnc.identification import (
@@ -26,7 +27,7 @@ from pkm_cnc.identification import (
 )
 from pkm_cnc.identification.drive_data import contour_places, scatter
 from pkm_cnc.identification.drive_identification import _correlation
-from pkm_cnc.plant import AxisPlant
+from pkm_cnc.plant import AxisPlant, ImperfectAxis
 from pkm_cnc.program import Arc, Line
 from pkm_cnc.records import AxisSetpoint
 from pkm_cnc.servo import DriveParameters, ServoDrive, TransferFunction, position_loop, step_response
@@ -51,7 +52,11 @@ def stepped(setup, axis, setpoint):
     """Readings of the axis by the objects that step the machine cycle by cycle."""
     parts = setup.axes[axis]
     drive = ServoDrive(parts.drive, setup.servo_period)
-    plant = AxisPlant(parts.drive, parts.screw, parts.scale, parts.travel, setup.servo_period, setpoint[0, 0])
+    start = setpoint[0, 0]
+    if setup.imperfect(axis):
+        plant = ImperfectAxis(axis, parts.parts, setup.servo_period, setup.plant.steps, start)
+    else:
+        plant = AxisPlant(parts.drive, parts.screw, parts.scale, parts.travel, setup.servo_period, start)
     readings = []
     for row in setpoint.T.tolist():
         readings.append(plant.state.position)
@@ -78,6 +83,8 @@ def by_name(fit):
         {"kv": 23.64},
         {"kv": 17.0, "velocity_gain": 12.0, "velocity_feed_forward": 0.3},
         {"kv": 25.0, "velocity_gain": 16.0, "velocity_feed_forward": 0.6, "acceleration_feed_forward": 0.0002},
+        {"kv": 22.0, "dead_time": 0.001},
+        {"kv": 22.0, "velocity_gain": 13.0, "dead_time": 0.0007, "velocity_feed_forward": 0.5},
     ],
 )
 def test_without_noise_the_parameters_come_back_to_1e_6(true):
@@ -92,16 +99,30 @@ def test_without_noise_the_parameters_come_back_to_1e_6(true):
     assert np.abs(fit.after).max() < 1e-10
 
 
-def test_a_drive_without_feed_forward_does_not_tell_all_four():
-    """A feed-forward of the acceleration acts as a faster velocity loop does: one of both must be known."""
+def test_a_dead_time_of_an_ideal_velocity_loop_comes_back():
+    """Where no velocity loop rounds off the answer, it is told as well as the velocity gain."""
+    setup = cartesian("drive.kind=first_order", "drive.velocity_feed_forward=0.5")
+    true = dataclasses.replace(setup.axes["x"].drive, kv=23.0, dead_time=0.0017)
+    machine = dataclasses.replace(setup, axes={"x": dataclasses.replace(setup.axes["x"], drive=true)})
+    setpoint = motion(2000)
+    data = AxisData("x", [recorded("x", setpoint, respond(machine, "x", *setpoint).position)])
+    found = by_name(fit_drives(setup, drive_unknowns(setup, ["x"]), data))
+    assert found["kv"].value == pytest.approx(23.0, rel=1e-6)
+    assert found["dead_time"].value == pytest.approx(0.0017, rel=1e-6)
+    assert not found["dead_time"].left_alone
+    networks, _ = fit_drives_by_networks(setup, drive_unknowns(setup, ["x"]), data, vectors=100)
+    assert by_name(networks)["dead_time"].value == pytest.approx(0.0017, rel=0.01)
+
+
+def test_a_drive_without_feed_forward_does_not_tell_all():
+    """Its feed-forwards, whose setting is known, are left alone: they act as another velocity loop does."""
     setup = cartesian("drive.kind=cascade")
     setpoint = motion(2000)
     data = AxisData("x", [recorded("x", setpoint, stepped(setup, "x", setpoint))])
     fit = fit_drives(setup, drive_unknowns(setup, ["x"]), data)
     alone = [name for name, estimate in by_name(fit).items() if estimate.left_alone]
-    assert len(alone) == 1
-    assert alone[0] in ("velocity_feed_forward", "acceleration_feed_forward")
-    assert fit.singular[-1] < 1e-3 * fit.singular[-2]
+    assert alone == ["velocity_feed_forward", "acceleration_feed_forward"]
+    assert fit.singular[-2] < 1e-3 * fit.singular[-3]
 
 
 def test_with_noise_the_intervals_hold_as_often_as_they_say():

@@ -11,6 +11,7 @@ import numpy as np
 from pkm_cnc.array_path import respond
 from pkm_cnc.bag import read_run
 from pkm_cnc.cli.arguments import make_folder, setup_of, write_text
+from pkm_cnc.compensation import nominal
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.identification import (
@@ -30,6 +31,7 @@ from pkm_cnc.identification import (
     identified_setup,
     identified_yaml,
 )
+from pkm_cnc.plant import DEAD_TIME
 from pkm_cnc.report import Page, Table, parameter_tables, text_table, write_page
 from pkm_cnc.report.identification_report import (
     bandwidth_table,
@@ -46,7 +48,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Do what the arguments say. Raises InputError."""
     if arguments.seed < 0:
         raise InputError(f"--seed: {arguments.seed} is below its minimum 0")
-    setup = setup_of(arguments)
+    setup = _believed(setup_of(arguments))
     runs = [drive_run(read_run(bag), setup) for bag in arguments.bag]
     if arguments.report:
         make_folder(Path(arguments.report))
@@ -61,6 +63,12 @@ def run(arguments: argparse.Namespace) -> None:
         for network in networks:
             network.save(Path(arguments.report) / f"network-{network.name}.json")
         print(f"report {write_page(Path(arguments.report), page)[-1]}")
+
+
+def _believed(setup: Setup) -> Setup:
+    """What a linear model can have of `setup`: of a machine with friction, backlash and the like its nominal part."""
+    imperfect = {setup.imperfect(axis) for axis in setup.axes} - {"", DEAD_TIME}
+    return nominal(setup) if imperfect else setup
 
 
 def _fits(

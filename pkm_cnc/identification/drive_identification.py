@@ -8,7 +8,12 @@ the predicted values, S their derivative by the steps and s the standard deviati
 In the order of `SIZES`, first the velocity gains of all drives, an unknown is estimated if all so far are then known
 within `TOLD` of a step; else the data do not tell it beside them and it is left alone, at the value of the machine
 file, and the others are true if that is. The choice is made anew at the estimate until it stays. The singular values of
-S beside s say the same by direction.
+S beside s say the same by direction. Last, what is then told beside the noise, but not beside the deviations that are
+left (friction, backlash: what the model lacks), counted as for the intervals below, is left alone, too.
+
+Without feed-forwards, dead time and velocity feed-forward cannot both be told. The feed-forwards are believed to be
+those of the machine file unless drives with others, told before the dead time, leave less than `LESS` of the
+deviations: noise and other errors of the model must not make settings doubtful.
 
 Intervals. Readings that feed back into the loop, and whatever the model lacks, leave deviations that are correlated
 over some time, and then n of them say as much as n / g independent ones, g = 1 + 2 (r_1 + r_2 + ...) with their
@@ -18,6 +23,7 @@ interval +-t(0.975) times the deviation.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -31,12 +37,20 @@ from pkm_cnc.errors import InputError
 from pkm_cnc.identification.drive_data import DriveData
 from pkm_cnc.identification.drive_unknowns import SIZES, DriveUnknown, drive_setup, drive_values
 
-__all__ = ["DriveEstimate", "DriveFit", "fit_drives", "sensitivity", "steps_model", "told_unknowns", "told_within"]
+__all__ = ["DriveEstimate", "DriveFit", "fit_drives", "fit_of", "rms", "sensitivity", "steps_model", "told_unknowns"]
 
 Array = NDArray[np.float64]
 
 STEP = 1e-3
 """Steps: half the distance of the numerical derivative. Truncation 1e-7 of the derivative, rounding 1e-9."""
+LESS = 0.5
+"""1. See above."""
+ROUNDING = 1e-11
+"""m. Deviations that are none."""
+EXPLAINED = 1.1
+"""1. Deviations of this many times the noise, as far as that can be estimated, are noise."""
+SETTINGS_UNKNOWN = ("kv", "velocity_gain", "velocity_feed_forward", "dead_time", "acceleration_feed_forward")
+"""The order in which the unknowns are wanted if the feed-forwards are not those of the machine file."""
 TOLD = 0.1
 """Steps. What is known no better than this (10 % of Kv) is not known."""
 LEAST_NOISE = 1e-7
@@ -48,7 +62,7 @@ FAR = (-0.8, 4.0)
 to a fifth of it."""
 EDGE = 0.99
 """1. An estimate beyond this share of the way lies at the end."""
-STAGES = ("kv", "velocity_feed_forward", "velocity_gain", "acceleration_feed_forward")
+STAGES = ("kv", "velocity_feed_forward", "velocity_gain", "dead_time", "acceleration_feed_forward")
 """The unknowns from what motions tell best to what they tell least: lag of a steady motion first."""
 EXACT, NEARLY = 1e-9, 1e-3
 """Steps, of the step from the start: where the last fit ends and where those before it."""
@@ -117,35 +131,76 @@ def fit_drives(setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData) 
     Raises InputError, naming the motion that is missing, if the data tell the velocity gain of no drive among them.
     """
     with threadpool_limits(1):  # the result shall not depend on their number
-        before, observed = drive_values(setup, unknowns), data.observed
-        noise = max(data.noise, LEAST_NOISE)
-        kept: list[int] = []
-        values = before.copy()
-        for _ in range(ROUNDS):
-            derivative = sensitivity(setup, unknowns, data, values)
-            told = told_unknowns(unknowns, derivative, noise, data)
-            if told == kept:
-                break
-            start = drive_setup(setup, unknowns, values if set(kept) <= set(told) else before)
-            kept, values = told, _fitted(start, unknowns, data, told)
-        else:
-            derivative = sensitivity(setup, unknowns, data, values)
-        chosen = [unknowns[place] for place in kept]
-        _check_near(chosen, before[kept], values[kept])
-        after = observed - data.predicted(drive_setup(setup, unknowns, values))
-        halves = np.full(len(unknowns), np.nan)
-        halves[kept] = told_within(chosen, values[kept], derivative[:, kept], after)
-        _, singular, directions = np.linalg.svd(derivative, full_matrices=False)
-        return DriveFit(
-            name=data.name,
-            method="least-squares",
-            estimates=tuple(map(DriveEstimate, unknowns, before.tolist(), values.tolist(), halves.tolist())),
-            before=observed - data.predicted(drive_setup(setup, unknowns, before)),
-            after=after,
-            singular=singular,
-            directions=directions,
-            noise=noise,
-        )
+        fit = _fit(setup, unknowns, data, tuple(SIZES))
+        if rms(fit.after) > max(ROUNDING, EXPLAINED * data.noise):
+            doubted = _fit(setup, unknowns, data, SETTINGS_UNKNOWN)
+            fit = doubted if rms(doubted.after) < LESS * rms(fit.after) else fit
+        chosen = [place for place, estimate in enumerate(fit.estimates) if not estimate.left_alone]
+        _check_near([unknowns[place] for place in chosen], drive_values(setup, unknowns)[chosen], fit.values[chosen])
+        return fit
+
+
+def _fit(setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData, order: Sequence[str]) -> DriveFit:
+    """Least squares for the unknowns that the data tell, wanted in this `order`."""
+    before, noise = drive_values(setup, unknowns), max(data.noise, LEAST_NOISE)
+    kept: list[int] = []
+    values = before.copy()
+    for _ in range(ROUNDS):
+        derivative = sensitivity(setup, unknowns, data, values)
+        told = told_unknowns(unknowns, derivative, noise, data, order=order)
+        if told == kept:
+            break
+        start = drive_setup(setup, unknowns, values if set(kept) <= set(told) else before)
+        kept, values = told, _fitted(start, unknowns, data, told)
+    left = data.observed - data.predicted(drive_setup(setup, unknowns, values))
+    beside = max(noise, rms(left) * math.sqrt(_correlation(left)))
+    chosen = [unknowns[place] for place in kept]
+    derivative = sensitivity(setup, unknowns, data, values)[:, kept]
+    still = [kept[place] for place in told_unknowns(chosen, derivative, beside, data, order=order)]
+    if still != kept:
+        kept, values = still, _fitted(setup, unknowns, data, still)
+    return fit_of("least-squares", setup, unknowns, data, values, kept, noise)
+
+
+def fit_of(
+    method: str,
+    setup: Setup,
+    unknowns: Sequence[DriveUnknown],
+    data: DriveData,
+    values: Array,
+    kept: Sequence[int],
+    noise: float,
+    spread: Array | None = None,
+) -> DriveFit:
+    """The fit that has `values` (p,) of the unknowns, those at the places `kept` estimated, with its intervals.
+
+    `spread` (of those, in their units) and `noise`, m, as of `DriveFit`.
+    """
+    before = drive_values(setup, unknowns)
+    after = data.observed - data.predicted(drive_setup(setup, unknowns, values))
+    derivative = sensitivity(setup, unknowns, data, values)
+    chosen, places = [unknowns[place] for place in kept], list(kept)
+    halves, spreads = np.full(len(unknowns), np.nan), np.full(len(unknowns), np.nan)
+    halves[places] = _told_within(chosen, values[places], derivative[:, places], after)
+    if spread is not None:
+        spreads[places] = spread
+    _, singular, directions = np.linalg.svd(derivative, full_matrices=False)
+    return DriveFit(
+        name=data.name,
+        method=method,
+        estimates=tuple(map(DriveEstimate, unknowns, before.tolist(), values.tolist(), halves.tolist())),
+        before=data.observed - data.predicted(drive_setup(setup, unknowns, before)),
+        after=after,
+        singular=singular,
+        directions=directions,
+        noise=noise,
+        spread=None if spread is None else spreads,
+    )
+
+
+def rms(deviations: Array) -> float:
+    """Root of the mean square of (m,), same unit."""
+    return float(np.sqrt(np.mean(np.square(deviations))))
 
 
 def _check_near(unknowns: Sequence[DriveUnknown], before: Array, values: Array) -> None:
@@ -160,14 +215,18 @@ def _check_near(unknowns: Sequence[DriveUnknown], before: Array, values: Array) 
 
 
 def told_unknowns(
-    unknowns: Sequence[DriveUnknown], derivative: Array, noise: float, data: DriveData, within: float = TOLD
+    unknowns: Sequence[DriveUnknown],
+    derivative: Array,
+    noise: float,
+    data: DriveData,
+    within: float = TOLD,
+    order: Sequence[str] = tuple(SIZES),
 ) -> list[int]:
     """Places of the unknowns that `data` tell `within` so many steps with `noise` (m), from their `derivative` (m, p).
 
-    Raises InputError if there is no velocity gain among them.
+    They are wanted in this `order`. Raises InputError if there is no velocity gain among them.
     """
     kept: list[int] = []
-    order = list(SIZES)
     for place in sorted(range(len(unknowns)), key=lambda place: order.index(unknowns[place].name)):
         tried = sorted([*kept, place])
         if (noise * _root_of_inverse(derivative[:, tried])).max() <= within:
@@ -178,7 +237,7 @@ def told_unknowns(
     return kept
 
 
-def told_within(unknowns: Sequence[DriveUnknown], values: Array, derivative: Array, deviations: Array) -> Array:
+def _told_within(unknowns: Sequence[DriveUnknown], values: Array, derivative: Array, deviations: Array) -> Array:
     """Half the 95 % intervals (p,) of the unknowns at `values` (p,), in their units.
 
     From the `derivative` (m, p) there, m per step, and the deviations (m,), m. Raises InputError if m is not above p.

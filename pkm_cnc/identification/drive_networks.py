@@ -22,14 +22,13 @@ from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.identification.drive_data import DriveData
 from pkm_cnc.identification.drive_identification import (
-    LEAST_NOISE,
-    DriveEstimate,
     DriveFit,
     fit_drives,
+    fit_of,
+    rms,
     sensitivity,
     steps_model,
     told_unknowns,
-    told_within,
 )
 from pkm_cnc.identification.drive_unknowns import DriveUnknown, drive_setup, drive_values
 from pkm_cnc.identification.networks import Network, train
@@ -38,8 +37,13 @@ __all__ = ["fit_drives_by_networks"]
 
 Array = NDArray[np.float64]
 
-BAND = (0.3, 0.05)
-"""Steps: half the width of the band of training, by iteration."""
+BAND = (-0.3, 0.3)
+"""Steps: the band of training around the values."""
+LATE_BAND = (-0.3, 2.0)
+"""Steps: the same of how late a velocity loop is, by bandwidth or dead time: mostly more than a file has it."""
+LATE = ("velocity_gain", "dead_time")
+NARROWER = (1.0, 1.0 / 6.0)
+"""1. By iteration: the share of the band."""
 TOLD = 0.01
 """Steps. What least squares would know no better than this a network of some hundred examples does not learn."""
 VECTORS = 200
@@ -62,14 +66,19 @@ def fit_drives_by_networks(
     """
     generator = np.random.default_rng(seed)
     with threadpool_limits(1):
-        before, observed = drive_values(setup, unknowns), data.observed
-        noise = _noise(setup, unknowns, data)
-        derivative = sensitivity(setup, unknowns, data, before)
-        kept = told_unknowns(unknowns, derivative, noise, data, TOLD)
+        values, observed = drive_values(setup, unknowns), data.observed
+        explained = fit_drives(setup, unknowns, data)
+        # the resolution of a scale within the loop moves the tool smoothly, which is no noise from one to the next
+        noise = max(explained.noise, rms(explained.after))
+        tried = [place for place, estimate in enumerate(explained.estimates) if not estimate.left_alone]
+        derivative = sensitivity(setup, unknowns, data, values)[:, tried]
+        told = told_unknowns([unknowns[place] for place in tried], derivative, noise, data, TOLD)
+        kept = [tried[place] for place in told]
         chosen = [unknowns[place] for place in kept]
         rows = np.unique(np.linspace(0, len(observed) - 1, INPUTS).astype(int))
-        values, networks = before.copy(), []
-        for band in BAND:
+        networks = []
+        for share in NARROWER:
+            band = share * np.array([LATE_BAND if one.name in LATE else BAND for one in chosen])
             here = data.predicted(drive_setup(setup, unknowns, values))[rows]
             network = _taught(setup, chosen, data, values[kept], rows, band, noise, generator, vectors)
             steps = network.estimate(observed[rows] - here)[0]
@@ -79,32 +88,7 @@ def fit_drives_by_networks(
                 one.stepped(value, step) for one, value, step in zip(chosen, values[kept], steps.tolist(), strict=True)
             ]
             networks.append(network)
-        after = observed - data.predicted(drive_setup(setup, unknowns, values))
-        halves, spreads = np.full(len(unknowns), np.nan), np.full(len(unknowns), np.nan)
-        derivative = sensitivity(setup, unknowns, data, values)
-        halves[kept], spreads[kept] = told_within(chosen, values[kept], derivative[:, kept], after), spread
-        _, singular, directions = np.linalg.svd(derivative, full_matrices=False)
-    fit = DriveFit(
-        name=data.name,
-        method="nn",
-        estimates=tuple(map(DriveEstimate, unknowns, before.tolist(), values.tolist(), halves.tolist())),
-        before=observed - data.predicted(drive_setup(setup, unknowns, before)),
-        after=after,
-        singular=singular,
-        directions=directions,
-        noise=noise,
-        spread=spreads,
-    )
-    return fit, tuple(networks)
-
-
-def _noise(setup: Setup, unknowns: Sequence[DriveUnknown], data: DriveData) -> float:
-    """Standard deviation of an observation, m: its noise, or what no drives explain where that is more.
-
-    The resolution of a scale within the loop moves the tool smoothly: that is no noise from one to the next.
-    """
-    left = fit_drives(setup, unknowns, data).after
-    return max(data.noise, LEAST_NOISE, float(np.sqrt(np.mean(np.square(left)))))
+        return fit_of("nn", setup, unknowns, data, values, kept, noise, spread), tuple(networks)
 
 
 def _taught(
@@ -113,19 +97,20 @@ def _taught(
     data: DriveData,
     values: Array,
     rows: NDArray[np.intp],
-    band: float,
+    band: Array,
     noise: float,
     generator: np.random.Generator,
     vectors: int,
 ) -> Network:
-    """A network from the deviations in `rows` to the steps from `values` (p,), trained within `band` around them."""
-    steps = generator.uniform(-band, band, (vectors, len(unknowns)))
+    """A network from the deviations in `rows` to the steps from `values` (p,), trained in the `band` (p, 2), steps."""
+    low, high = band.T
+    steps = np.asarray(generator.uniform(low, high, (vectors, len(unknowns))))
     here = data.predicted(steps_model(setup, unknowns, values, 0.0 * steps[0]))[rows]
     inputs = np.stack([data.predicted(steps_model(setup, unknowns, values, step))[rows] - here for step in steps])
     inputs += generator.normal(0.0, noise, inputs.shape)
     trained_on = {
-        one.key: " to ".join(f"{end:.4g}" for end in sorted(one.stepped(value, way) for way in (-band, band)))
-        for one, value in zip(unknowns, values.tolist(), strict=True)
+        one.key: " to ".join(f"{end:.4g}" for end in sorted(one.stepped(value, way) for way in ways))
+        for one, value, ways in zip(unknowns, values.tolist(), band.tolist(), strict=True)
     }
     outputs = {one.key: column for one, column in zip(unknowns, steps.T, strict=True)}
     seed = int(generator.integers(2**31))

@@ -13,6 +13,7 @@ from pkm_cnc.bag import Run
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.evaluation import setup_of
+from pkm_cnc.identification.measurements import UNKNOWNS
 from pkm_cnc.program import Element
 
 __all__ = ["DriveRun", "drive_run"]
@@ -48,7 +49,7 @@ def drive_run(run: Run, setup: Setup) -> DriveRun:
     """What `run` tells of the drives of `setup`.
 
     Raises InputError for a run of another machine (other kinematics, dimensions or servo period; drives may differ,
-    they are what is looked for), one with a controller at the TCP, topics that are missing, numbers that are not finite
+    they are what is looked for, and so may what a calibration finds: the run may be of before it), one with a controller at the TCP, topics that are missing, numbers that are not finite
     and a scale that does not move although its setpoint does.
     """
     _check_same(run, setup)
@@ -99,10 +100,15 @@ def _check_same(run: Run, setup: Setup) -> None:
         )
     for key, (value, _) in setup.parameters.items():
         there = recorded.parameters[key][0] if key in recorded.parameters else None
-        if (key.startswith("geometry.") or key in SAME) and there != value:
+        if _is_drawn(key) and there != value:
             raise InputError(f"bag {run.folder}: recorded on another machine: {key} is {there} there, {value} here")
     if recorded.tcp_control.active:
         raise InputError(
             f"bag {run.folder}: recorded with a controller at the TCP (tcp_control), which moves the drives besides "
             "their setpoints: record a run without it"
         )
+
+
+def _is_drawn(key: str) -> bool:
+    section, _, name = key.rpartition(".")
+    return key in SAME or (section == "geometry" and name not in UNKNOWNS)

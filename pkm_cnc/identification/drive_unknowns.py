@@ -9,7 +9,8 @@ as the machine file has them: every value of them makes a loop with G(0) = 1.
   motion depends on velocity_gain * torque_constant * current_gain / (inertia (resistance + current_gain)) alone, which
   is that bandwidth in rad/s, so one of them is estimated and the others are kept. Not for `first_order`, where the
   velocity loop is ideal.
-- `velocity_feed_forward`, `acceleration_feed_forward`.
+- `dead_time`, by how much later than it is given a velocity command acts: transmission and computation in the drive.
+- `velocity_feed_forward`, `acceleration_feed_forward`, which are settings of the controller.
 """
 
 from __future__ import annotations
@@ -32,7 +33,13 @@ Array = NDArray[np.float64]
 
 POSITIVE = ("kv", "velocity_gain")
 """Their steps are of the time constant, 1/value, in shares of it: the motion is nearly linear in those."""
-SIZES = {"kv": 1.0, "velocity_gain": 1.0, "velocity_feed_forward": 1.0, "acceleration_feed_forward": 0.001}
+SIZES = {
+    "kv": 1.0,
+    "velocity_gain": 1.0,
+    "dead_time": 0.001,
+    "velocity_feed_forward": 1.0,
+    "acceleration_feed_forward": 0.001,
+}
 """What one step is: a time constant doubled, the whole feed-forward, 1 ms (about a velocity loop's equivalent delay).
 In the order in which they are wanted: a feed-forward is a setting of the controller, and mostly known."""
 

@@ -5,7 +5,7 @@ of them an axis is follows from its parameters (`imperfect`). `PlatformLoad` is 
 """
 
 from pkm_cnc.plant.axis_plant import AxisPlant
-from pkm_cnc.plant.imperfect_axis import AxisParts, ImperfectAxis, imperfect
+from pkm_cnc.plant.imperfect_axis import DEAD_TIME, AxisParts, ImperfectAxis, imperfect
 from pkm_cnc.plant.linear_scale import LinearScale
 from pkm_cnc.plant.plant_parameters import (
     DisturbanceParameters,
@@ -20,6 +20,7 @@ from pkm_cnc.plant.plant_parameters import (
 from pkm_cnc.plant.platform_load import PlatformLoad
 
 __all__ = [
+    "DEAD_TIME",
     "AxisParts",
     "AxisPlant",
     "DisturbanceParameters",

@@ -33,10 +33,12 @@ from pkm_cnc.plant.plant_parameters import (
 from pkm_cnc.records import STATUS_NORMAL, STATUS_TRAVEL_END, AxisCommand, AxisState
 from pkm_cnc.servo import DriveParameters
 
-__all__ = ["STANDARD_GRAVITY", "AxisParts", "ImperfectAxis", "imperfect"]
+__all__ = ["DEAD_TIME", "STANDARD_GRAVITY", "AxisParts", "ImperfectAxis", "imperfect"]
 
 STANDARD_GRAVITY = 9.80665
 """m/s^2, ISO 80000-3."""
+
+DEAD_TIME = "drive.dead_time"
 
 FREE, LIMITED_CURRENT, LIMITED_VOLTAGE = range(3)
 RIGID, ON_FLANK, NO_FLANK = range(3)
@@ -74,7 +76,6 @@ def imperfect(parts: AxisParts) -> str:
         "drive.back_emf": drive.back_emf,
         "drive.current_limit": drive.current_limit,
         "drive.voltage_limit": drive.voltage_limit,
-        "drive.dead_time": drive.dead_time,
         "screw.backlash": screw.backlash,
         "screw.stiffness": screw.stiffness,
         "screw.pitch_error": any(screw.pitch_error),
@@ -84,6 +85,7 @@ def imperfect(parts: AxisParts) -> str:
         "friction.viscous": friction.viscous,
         "disturbance.torque": disturbance.torque,
         "disturbance.cogging": disturbance.cogging,
+        DEAD_TIME: drive.dead_time,  # last: an axis with nothing else is a linear one
     }
     return next((name for name, value in values.items() if value), "")
 
