@@ -14,7 +14,7 @@ from pkm_cnc.compensation import ErrorFigures, judged
 from pkm_cnc.config import Setup, setup_from_parameters
 from pkm_cnc.contour import circle_program
 from pkm_cnc.evaluation import Evaluation, evaluate
-from pkm_cnc.program import Program, Toolpath
+from pkm_cnc.program import Arc, Program, Toolpath
 from pkm_cnc.report import round_scale
 from pkm_cnc.report.figure import Curve, Panel
 from pkm_cnc.simulation import simulate
@@ -135,9 +135,9 @@ def path_panel(setup: Setup, title: str, largest: float, paths: Sequence[tuple[s
         for error in evaluation.errors[::4]:
             element, start = evaluation.elements[error.segment], evaluation.starts[error.segment]
             place = error.path_length - start
-            middle = 0.1 * element.length < place < 0.9 * element.length
+            away_from_ends = isinstance(element, Arc) or 0.1 * element.length < place < 0.9 * element.length
             x, y, _ = element.position(place)
-            inside = element.evaluated and middle
+            inside = element.evaluated and away_from_ends
             points.append((x + scale * error.x, y + scale * error.y) if inside else (np.nan, np.nan))
         path = 1e3 * (np.array(points) - zero)
         curves.append(Curve(label, path[:, 0], path[:, 1]))
