@@ -7,6 +7,7 @@ from pkm_cnc.config import load_setup
 from pkm_cnc.contour import circle_program
 from pkm_cnc.evaluation import evaluate
 from pkm_cnc.experiments import Lab, compensation, load_experiment, simulated
+from pkm_cnc.experiments._before_after import recorded_run
 from pkm_cnc.program import Program, Toolpath
 
 CIRCLE = circle_program(
@@ -49,7 +50,7 @@ def test_every_machine_has_every_method(findings):
 def test_figures_are_those_of_a_run(findings):
     setup = load_setup("tripod")
     program = compensate(setup, Program("circle.ngc", CIRCLE), "mirror").program
-    evaluation = evaluate(compensation.recorded_run(setup, program))
+    evaluation = evaluate(recorded_run(setup, program))
     figures = judged(evaluation.errors, Toolpath(tuple(evaluation.elements)))
     found = outcome(findings, "ideal", "mirror, model")
     assert found["max_3d_um"] == pytest.approx(1e6 * figures.largest, rel=1e-9)

@@ -11,6 +11,7 @@ import pytest
 from pkm_cnc.config import load_setup, setup_from_text
 from pkm_cnc.errors import InputError
 from pkm_cnc.identification import (
+    Believed,
     Bench,
     Circle,
     Positions,
@@ -116,6 +117,58 @@ def test_least_squares_finds_all_twelve_of_the_tripod_on_one_level():
     np.testing.assert_allclose(values(found), np.concatenate(errors), rtol=1e-6)
 
 
+# --- a platform that tilts moves the TCP by shares of x and y; only those show
+
+
+SHARE_X, SHARE_Y = 9.6e-5, -3.6e-5
+"""Tilt about y, and about x, by the height of the TCP over its centre."""
+
+
+def tilted_tripod(errors, z=-0.02):
+    """The struts carry the level platform; what is measured is beside it."""
+    level = np.column_stack((grid(0.1, 5, (0.0, 0.0)), np.full(25, z)))
+    measured = level * (1.0 + SHARE_X, 1.0 - SHARE_Y, 1.0)
+    return Positions(tripod_joints(level, *errors), measured)
+
+
+def test_a_tilt_is_found_beside_all_twelve_of_the_tripod():
+    errors = drawn(3, 3, 3, 3)
+    found = calibrate(TRIPOD.kinematics, tilted_tripod(errors), tilt=True)
+    assert found.rank == 14
+    np.testing.assert_allclose(values(found), [*np.concatenate(errors), SHARE_X, SHARE_Y], rtol=1e-6)
+    assert [estimate.unknown.key for estimate in found.estimates[-2:]] == ["actual.tilt.about_y", "actual.tilt.about_x"]
+
+
+def test_a_tilt_that_is_not_looked_for_is_taken_for_geometry_but_not_all_of_it():
+    """6.3 um of shift (RMS of x and y) become 0.3 um of deviation, and lengths of struts that are wrong."""
+    measured = tilted_tripod(drawn(3, 3, 3, 3))
+    level, tilted = (calibrate(TRIPOD.kinematics, measured, tilt=tilt) for tilt in (False, True))
+    assert 0.1e-6 < level.scatter < 1e-6
+    assert tilted.scatter < 1e-11
+    assert np.abs(values(level)[:3] - values(tilted)[:3]).max() > 10e-6
+
+
+def test_a_tilt_is_written_for_the_model_and_not_for_the_controller():
+    measured = tilted_tripod(drawn(3, 3, 3, 3))
+    found = calibrate(TRIPOD.kinematics, measured, tilt=True)
+    again = setup_from_text(calibrated_yaml(TRIPOD, found, ["b"]))
+    np.testing.assert_allclose(again.true_tcp(measured.joints), measured.tcp, atol=1e-12)
+    assert np.abs(again.machine.forward(measured.joints) - measured.tcp).max() > 5e-6
+
+
+def test_the_tilt_of_a_machine_that_is_simulated_stays():
+    setup = load_setup("tripod", ["actual.geometry.strut_length=0.6001", "actual.tilt.lever=0.1"])
+    found = calibrate(setup.kinematics, tilted_tripod(drawn(3, 3, 3, 3)), tilt=True)
+    assert calibrated_setup(setup, found).tilt == setup.tilt
+
+
+def test_a_tilt_needs_a_machine_in_space():
+    with pytest.raises(
+        InputError, match=r"a bipod moves in x, y: a tilt is estimated on a machine that moves in x, y, z"
+    ):
+        calibrate(BIPOD.kinematics, bipod_rows(STEPS, STEPS), tilt=True)
+
+
 # --- a ball bar tells distances: nothing about where and how turned the machine stands
 
 
@@ -206,7 +259,9 @@ def test_networks_find_the_monopod_to_a_percent_in_seven_iterations():
     np.testing.assert_allclose(values(found.calibration), (GAMMA, DX, DU), rtol=0.01)
     assert found.history.shape == (8, 12)
     assert np.ptp(found.history[-1]) < 1e-3 * np.ptp(found.history[0])
-    assert [network.name for network in found.networks] == [one.key for one in unknowns_of(MONOPOD.kinematics)]
+    assert [network.name for network in found.networks] == [
+        one.key for one in unknowns_of(Believed(MONOPOD.kinematics))
+    ]
 
 
 def test_networks_are_repeatable_and_their_spread_is_beside_the_intervals():
@@ -353,7 +408,8 @@ def test_what_is_no_positioning_test_is_refused(deviations):
 
 
 def test_the_bench_has_the_reversal_error_and_the_noise_that_it_was_given():
-    truth = with_values(MONOPOD.kinematics, unknowns_of(MONOPOD.kinematics), np.array((GAMMA, DX, DU)))
+    nominal = Believed(MONOPOD.kinematics)
+    truth = with_values(nominal, unknowns_of(nominal), np.array((GAMMA, DX, DU))).machine
     test = Bench(truth, 12e-6, 5e-6).test(MONOPOD.kinematics, TARGETS, 200, np.random.default_rng(1))
     found = positioning(test.deviations)
     assert found.reversal == pytest.approx(12e-6, rel=0.05)

@@ -25,6 +25,11 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--method", choices=METHODS, default=METHODS[0], help=f"({METHODS[0]})")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the networks' training (0)")
+    parser.add_argument(
+        "--tilt",
+        action="store_true",
+        help="look for a tilt of the platform, too: no controller corrects it, but compensate --model OUT.yaml does",
+    )
     parser.add_argument("-o", dest="output", required=True, metavar="OUT.yaml", help="the calibrated machine file")
     parser.add_argument("--report", metavar="DIR", help="write a page, its pictures, data.json and the networks to DIR")
     parser.set_defaults(action=_calibrate)

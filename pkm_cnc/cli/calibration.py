@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> None:
     measurements = _measured(arguments, setup)
     if arguments.report:
         make_folder(Path(arguments.report))
-    outcome = _outcome(setup, measurements, arguments.method, arguments.seed)
+    outcome = _outcome(setup, measurements, arguments)
     tables = _tables(outcome)
     write_text(arguments.output, calibrated_yaml(setup, outcome.calibration, [Path(path).name for path in sources]))
     print("\n\n".join(map(text_table, tables)))
@@ -76,11 +76,12 @@ def _measured(arguments: argparse.Namespace, setup: Setup) -> Positions | Circle
     return Positions(np.concatenate([part.joints for part in parts]), np.concatenate([part.tcp for part in parts]))
 
 
-def _outcome(setup: Setup, measurements: Positions | Circle, method: str, seed: int) -> _Outcome:
-    if method == "nn":
-        found = calibrate_by_networks(setup.kinematics, measurements, seed=seed)
+def _outcome(setup: Setup, measurements: Positions | Circle, arguments: argparse.Namespace) -> _Outcome:
+    machine, tilt = setup.kinematics, arguments.tilt
+    if arguments.method == "nn":
+        found = calibrate_by_networks(machine, measurements, seed=arguments.seed, tilt=tilt)
         return _Outcome(measurements, found.calibration, found)
-    return _Outcome(measurements, calibrate(setup.kinematics, measurements), None)
+    return _Outcome(measurements, calibrate(machine, measurements, tilt=tilt), None)
 
 
 def _tables(outcome: _Outcome) -> list[Table]:

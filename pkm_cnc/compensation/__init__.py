@@ -4,7 +4,7 @@
 """
 
 from pkm_cnc.compensation.methods import METHODS
-from pkm_cnc.compensation.nominal import nominal
+from pkm_cnc.compensation.nominal import model_of, nominal
 from pkm_cnc.compensation.observation import ErrorFigures, judged, observe
 from pkm_cnc.compensation.preprocessor import Compensated, CompensationOptions, Pass, compensate
 
@@ -16,6 +16,7 @@ __all__ = [
     "Pass",
     "compensate",
     "judged",
+    "model_of",
     "nominal",
     "observe",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,7 @@ __all__ = [
     "ErrorFigures",
     "Observation",
     "check_machine",
+    "decides_setpoints",
     "judged",
     "observe",
     "recorded",
@@ -189,7 +190,7 @@ def _vector(row: list[float] | Array) -> Vector:
 
 
 SAME_SETPOINTS = ("machine", "servo_period", "start_pose", "program_zero", "geometry", "motion", "program", "limits")
-"""Parameters that decide the setpoints: a bag counts, and a model, if it agrees with the machine in these."""
+"""Parameters that decide the setpoints: a bag counts if it agrees with the machine in these."""
 
 
 def recorded(run: Run, setup: Setup, program_text: str) -> Observation:
@@ -222,13 +223,18 @@ def _keys(rows: NDArray[np.void], prefix: str) -> list[str]:
     return [name for name in rows.dtype.names or () if name.startswith(f"{prefix}.")]
 
 
-def check_machine(name: str, recorded_by: Setup, setup: Setup) -> None:
-    """Raise InputError, calling it `name`, for a setup whose controller would give other setpoints than `setup`."""
-    ours, theirs = ({key: value for key, (value, _) in one.parameters.items()} for one in (setup, recorded_by))
+def decides_setpoints(key: str) -> bool:
+    """Whether the parameter `key` is one of those, for all axes or for one."""
+    sections = key.split(".")
+    own = len(sections) > 2 and sections[0] != "actual" and sections[1] in SAME_SETPOINTS
+    return sections[0] in SAME_SETPOINTS or own
+
+
+def check_machine(name: str, other: Setup, setup: Setup, counts: Callable[[str], bool] = decides_setpoints) -> None:
+    """Raise InputError, calling `other` `name`, if it differs from `setup` in a parameter that `counts`."""
+    ours, theirs = ({key: value for key, (value, _) in one.parameters.items()} for one in (setup, other))
     for key in sorted({*ours, *theirs}, key=lambda key: (key != "machine", key)):
-        sections = key.split(".")
-        decides = sections[0] in SAME_SETPOINTS or (len(sections) > 2 and sections[1] in SAME_SETPOINTS)
-        if decides and sections[0] != "actual" and ours.get(key) != theirs.get(key):
+        if counts(key) and ours.get(key) != theirs.get(key):
             raise InputError(
                 f"{name}: it is of another machine: {key} is {theirs.get(key)} there and {ours.get(key)} here"
             )

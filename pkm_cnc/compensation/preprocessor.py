@@ -18,11 +18,10 @@ from pkm_cnc.bag import Run
 from pkm_cnc.check import prepare
 from pkm_cnc.compensation.correction import Correction, across, spans_of
 from pkm_cnc.compensation.methods import METHODS, Method, Situation
-from pkm_cnc.compensation.nominal import nominal
+from pkm_cnc.compensation.nominal import model_of, nominal
 from pkm_cnc.compensation.observation import (
     ErrorFigures,
     Observation,
-    check_machine,
     judged,
     observe,
     recorded,
@@ -134,13 +133,12 @@ def compensate(
 ) -> Compensated:
     """The compensated program for a machine as its controller knows it (`setup`).
 
-    The errors are those of runs of `model` (default: `setup` as its controller knows it) or, where `bags` are given,
-    those recorded there, taken together. A program that is compensated already is compensated further. Raises
-    InputError for what cannot be compensated, with the reason.
+    The errors are those of runs of the machine that `model` describes (`model_of`; default: `setup` as its controller
+    knows it) or, where `bags` are given, those recorded there, taken together. A program that is compensated already is
+    compensated further. Raises InputError for what cannot be compensated, with the reason.
     """
-    work = _Work(setup, program, METHODS[method], model or nominal(setup), options or CompensationOptions())
-    if model is not None:
-        check_machine("--model", model, setup)
+    believed = nominal(setup) if model is None else model_of(setup, model)
+    work = _Work(setup, program, METHODS[method], believed, options or CompensationOptions())
     if bags:
         if not work.method.learns:
             raise InputError(f"--method {method} does not look at errors: it has no use for a bag")

@@ -14,6 +14,7 @@ from pkm_cnc.errors import InputError
 from pkm_cnc.experiments._monopod import monopod, require_reachable
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab
 from pkm_cnc.identification import (
+    Believed,
     Bench,
     Calibration,
     Circle,
@@ -69,7 +70,8 @@ def _run(lab: Lab, options: Options) -> Findings:
         raise InputError(f"begin: {options.begin:g} mm is not below end {options.end:g} mm")
     require_reachable(nominal, "begin and end", (options.begin, options.end))
     values = np.array((options.gamma, options.dx, options.du)) * 1e-3
-    truth = with_values(nominal, unknowns_of(nominal), values)
+    believed = Believed(nominal)
+    truth = with_values(believed, unknowns_of(believed), values).machine
     bench = Bench(truth, options.reversal / UM, options.repeatability / UM)
     generator = np.random.default_rng(options.seed)
     targets = np.asarray(np.linspace(1e-3 * options.begin, 1e-3 * options.end, options.targets), dtype=float)

@@ -2,39 +2,38 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pkm_cnc.bag import BagWriter, Run, read_run
-from pkm_cnc.check import prepare
-from pkm_cnc.compensation import ErrorFigures, compensate, judged, nominal
+from pkm_cnc.compensation import ErrorFigures, compensate, nominal
 from pkm_cnc.config import Setup, setup_from_parameters
-from pkm_cnc.contour import circle_program, star_program
+from pkm_cnc.contour import star_program
 from pkm_cnc.errors import PkmError
 from pkm_cnc.evaluation import Evaluation, evaluate
+from pkm_cnc.experiments._before_after import (
+    MISMATCH,
+    REPEATS,
+    circle,
+    faster,
+    judged_run,
+    noise_floor,
+    path_panel,
+    recorded_run,
+    repeated,
+    square,
+)
 from pkm_cnc.experiments._machine import require_plane
 from pkm_cnc.experiments.experiment import Experiment, Findings, Lab
 from pkm_cnc.parameters import parameter
-from pkm_cnc.program import Program, Toolpath
-from pkm_cnc.report import round_scale
-from pkm_cnc.report.figure import Curve, Figure, Panel, Table
+from pkm_cnc.program import Program
+from pkm_cnc.report.figure import Figure, Panel, Table
 from pkm_cnc.servo import equivalent_delay
-from pkm_cnc.simulation import simulate
-from pkm_cnc.topics import recorded_topics
 
-__all__ = ["EXPERIMENT", "floor", "recorded_run", "repeated"]
+__all__ = ["EXPERIMENT"]
 
-MISMATCH = 23.64 / 20.0
-"""1. Kv of the machine by that of the model: what thesis 7.6 identified, by what it had assumed."""
-REPEATS = 3
-"""Runs with different noise, from which the floor is computed."""
-ROOM = 0.1
-"""Of a contour's size: how far the largest error is drawn from it."""
 PLATE = """(a plate: outline with rounded corners, a slot, a step down)
 G21 G90 G17
 G0 X-30 Y-20
@@ -54,7 +53,6 @@ G1 X-15
 G3 X-15 Y0 I0 J-4
 M2
 """
-SQUARE = "(a square with sharp corners)\nG21 G90\nG1 X40 F{feed:.0f}\nY40\nX0\nY0\nM2\n"
 
 
 @dataclass(frozen=True)
@@ -104,35 +102,6 @@ class Outcome:
     """RMS errors in three dimensions, m: before and after every run that was learnt from."""
 
 
-def recorded_run(setup: Setup, program: Program) -> Run:
-    """Run a program on `setup` by the simulation, as its bag has it. Raises InputError, MachineFault."""
-    with tempfile.TemporaryDirectory(prefix="pkm_cnc-") as folder:
-        bag = str(Path(folder) / "bag")
-        with BagWriter(bag, recorded_topics(tuple(setup.axes), setup.tcp_control.active)) as sink:
-            simulate(setup, program, prepare(setup, program), sink)
-        return read_run(bag)
-
-
-def floor(runs: Sequence[Evaluation]) -> tuple[float, float]:
-    """Largest and RMS distance, m, of repeated runs from their mean, over what is judged: no program takes it away."""
-    count = min(len(run.errors) for run in runs)
-    vectors = np.array([[error[:3] for error in run.errors[:count]] for run in runs])
-    away = np.sqrt(((vectors - vectors.mean(axis=0)) ** 2).sum(axis=2))
-    contour = Toolpath(tuple(runs[0].elements))
-    figures = [
-        judged([error._replace(magnitude=size) for error, size in zip(run.errors, sizes, strict=False)], contour)
-        for run, sizes in zip(runs, away.tolist(), strict=True)
-    ]
-    squares = sum(one.rms**2 for one in figures)
-    return max(one.largest for one in figures), float(np.sqrt(squares / (len(runs) - 1)))
-
-
-def repeated(setup: Setup, repeat: int) -> Setup:
-    """`setup` with other noise at its scales: no run of a machine has the noise of the one before."""
-    seeds = {f"{axis}.scale.seed": parts.scale.seed + repeat for axis, parts in setup.axes.items()}
-    return setup_from_parameters({**{key: value for key, (value, _) in setup.parameters.items()}, **seeds})
-
-
 def _methods(setup: Setup) -> list[Method]:
     delay = max(equivalent_delay(parts.drive) for parts in setup.axes.values())
     delays = [
@@ -167,8 +136,7 @@ def _run(lab: Lab, options: Options) -> Findings:
     setup = lab.setup()
     require_plane(setup, "compensation")
     model = nominal(setup)
-    mismatched = [f"{axis}.drive.kv={parts.drive.kv * MISMATCH!r}" for axis, parts in model.axes.items()]
-    machines = {"ideal": model, "Kv 18 % off": _with(model, mismatched), "as it is": setup}
+    machines = {"ideal": model, "Kv 18 % off": faster(model), "as it is": setup}
     programs = _programs(setup, options.feed)
     if options.program != "all":
         programs = {options.program: programs[options.program]}
@@ -183,7 +151,7 @@ def _run(lab: Lab, options: Options) -> Findings:
                 program = Program(f"{name}.ngc", text)
                 outcomes.append(_outcome(machine, actual, model, program, method, options.passes, known))
     lab.tell(0.99, "what noise leaves")
-    floors = {name: _floor(setup, Program(f"{name}.ngc", text)) for name, text in programs.items()}
+    floors = {name: noise_floor(setup, Program(f"{name}.ngc", text)) for name, text in programs.items()}
     return Findings(
         [*(_table(machine, outcomes) for machine in machines), _pass_table(outcomes, floors)],
         [_figure(setup, name, outcomes) for name in programs],
@@ -211,16 +179,13 @@ def _with(setup: Setup, overrides: Sequence[str]) -> Setup:
 
 
 def _programs(setup: Setup, feed: float) -> dict[str, str]:
-    circle = circle_program(
-        feed_mm_min=0.5 * feed,
-        radius_mm=50.0,
-        center_mm=(0.0, 0.0),
-        direction="ccw",
-        overshoot_deg=60.0,
-        acceleration_mm_s2=setup.motion.acceleration * 1e3,
-    )
     star = star_program(feed, [0.0, 15.0, 45.0, 75.0], (0.0, 0.0), 100.0)
-    return {"star": star, "circle": circle, "square": SQUARE.format(feed=feed), "plate": PLATE.format(feed=0.4 * feed)}
+    return {
+        "star": star,
+        "circle": circle(setup, 0.5 * feed, 50.0),
+        "square": square(feed),
+        "plate": PLATE.format(feed=0.4 * feed),
+    }
 
 
 def _outcome(
@@ -243,13 +208,13 @@ def _outcome(
         passes = passes if method.from_bags else 0
         for number in range(passes):
             run = recorded_run(repeated(actual, number), program)
-            by_pass.append(_judged(evaluate(run)).rms)
+            by_pass.append(judged_run(evaluate(run)).rms)
             program = compensate(model, program, method.name, bags=[run]).program
         run = recorded_run(repeated(_with(actual, method.overrides), passes), program)
     except PkmError as error:
         return Outcome(machine, name, method, reason=str(error))
     evaluation = evaluate(run)
-    figures = _judged(evaluation)
+    figures = judged_run(evaluation)
     axes = [run.servo[f"{axis}/setpoint"]["acceleration"] for axis in actual.axes]
     return Outcome(
         machine,
@@ -262,19 +227,6 @@ def _outcome(
         evaluation,
         by_pass=(*by_pass, figures.rms) if method.from_bags else (),
     )
-
-
-def _judged(evaluation: Evaluation) -> ErrorFigures:
-    return judged(evaluation.errors, Toolpath(tuple(evaluation.elements)))
-
-
-def _floor(setup: Setup, program: Program) -> tuple[float, float] | None:
-    """Largest and RMS, um; None for a machine without noise."""
-    if not any(parts.scale.noise for parts in setup.axes.values()):
-        return None
-    runs = [evaluate(recorded_run(repeated(setup, repeat), program)) for repeat in range(REPEATS)]
-    largest, rms = floor(runs)
-    return 1e6 * largest, 1e6 * rms
 
 
 def _before(outcome: Outcome, outcomes: Sequence[Outcome]) -> ErrorFigures | None:
@@ -332,7 +284,7 @@ def _figure(setup: Setup, program: str, outcomes: Sequence[Outcome]) -> Figure:
             and outcome.evaluation is not None
         ]
         if chosen:
-            panels.append(_plan(setup, machine, chosen))
+            panels.append(_panel(setup, machine, chosen))
     return Figure(
         f"compensation-{program}",
         f"Compensation, {setup.machine_name}, {program}: paths before and after",
@@ -342,38 +294,10 @@ def _figure(setup: Setup, program: str, outcomes: Sequence[Outcome]) -> Figure:
     )
 
 
-def _plan(setup: Setup, machine: str, outcomes: Sequence[Outcome]) -> Panel:
-    first = outcomes[0].evaluation
-    assert first is not None
-    assert outcomes[0].figures is not None
-    zero = np.array(setup.program_zero[:2])
-    gap = [(np.nan, np.nan)]  # between elements, which need not follow each other
-    contour = np.array(
-        [
-            point
-            for element in first.elements
-            if element.evaluated
-            for point in [*(element.position(element.length * step / 60)[:2] for step in range(61)), *gap]
-        ]
-    )
-    size = float((np.nanmax(contour, axis=0) - np.nanmin(contour, axis=0)).max())
-    scale = round_scale(max(outcomes[0].figures.largest, 1e-9), ROOM * size)
-    drawn = 1e3 * (contour - zero)
-    curves = [Curve("programmed", drawn[:, 0], drawn[:, 1], role="programmed")]
-    for outcome in outcomes:
-        evaluation = outcome.evaluation
-        assert evaluation is not None
-        points = []
-        for error in evaluation.errors[::4]:
-            element, start = evaluation.elements[error.segment], evaluation.starts[error.segment]
-            place = error.path_length - start
-            middle = 0.1 * element.length < place < 0.9 * element.length
-            x, y, _ = element.position(place)
-            inside = element.evaluated and middle
-            points.append((x + scale * error.x, y + scale * error.y) if inside else (np.nan, np.nan))
-        path = 1e3 * (np.array(points) - zero)
-        curves.append(Curve(outcome.method.label, path[:, 0], path[:, 1]))
-    return Panel(f"{machine}, error magnified {scale:.10g}:1", "x (mm)", "y (mm)", curves, equal=True)
+def _panel(setup: Setup, machine: str, outcomes: Sequence[Outcome]) -> Panel:
+    largest = outcomes[0].figures.largest if outcomes[0].figures else 0.0
+    paths = [(outcome.method.label, outcome.evaluation) for outcome in outcomes if outcome.evaluation is not None]
+    return path_panel(setup, machine, largest, paths)
 
 
 def _entry(outcome: Outcome) -> dict[str, Any]:

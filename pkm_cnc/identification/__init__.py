@@ -4,7 +4,15 @@ Calibration estimates the geometry, identification the drives, by least squares 
 """
 
 from pkm_cnc.identification.bench import Bench, PositioningTest
-from pkm_cnc.identification.calibration import Calibration, Estimate, Unknown, calibrate, unknowns_of, with_values
+from pkm_cnc.identification.calibration import (
+    Believed,
+    Calibration,
+    Estimate,
+    Unknown,
+    calibrate,
+    unknowns_of,
+    with_values,
+)
 from pkm_cnc.identification.drive_data import AxisData, ContourData, DriveData
 from pkm_cnc.identification.drive_file import estimate_text, identified_setup, identified_yaml
 from pkm_cnc.identification.drive_identification import DriveEstimate, DriveFit, fit_drives
@@ -34,6 +42,7 @@ from pkm_cnc.identification.positioning import Positioning, by_approach, positio
 __all__ = [
     "IDENTIFIED",
     "AxisData",
+    "Believed",
     "Bench",
     "Calibration",
     "Circle",

@@ -1,8 +1,9 @@
 """Geometric calibration by least squares: which geometry explains where the TCP was at what the drive scales read.
 
-The unknowns are the geometry's parameters that a drawing does not have: offsets, inclinations and errors by strut. They
-are counted in tolerances of assembly, so that lengths and angles compare. With r(p) the observed less the predicted
-values and S their derivative by the unknowns,
+The unknowns are the geometry's parameters that a drawing does not have: offsets, inclinations and errors by strut; and,
+if asked for, the tilt of the platform (`config.TiltParameters`), of which only the products with its lever show: they
+are estimated for a lever of 1 m. Unknowns are counted in tolerances of assembly, so that lengths and angles compare.
+With r(p) the observed less the predicted values and S their derivative by the unknowns,
 
     minimise r.r,   covariance s^2 (S^T S)^-1,   s^2 = r.r / (m - rank),   interval +-t(0.975, m - rank) sqrt(cov_ii).
 
@@ -17,18 +18,21 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, optimize, stats
 from threadpoolctl import threadpool_limits
 
+from pkm_cnc.config import TiltParameters
 from pkm_cnc.errors import InputError, UnreachableError
 from pkm_cnc.identification.measurements import UNKNOWNS, Measurements
 from pkm_cnc.kinematics import Machine
 from pkm_cnc.parameters import parameters_of
 
 __all__ = [
+    "Believed",
     "Calibration",
     "Estimate",
     "Unknown",
@@ -45,8 +49,10 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-TOLERANCE = {"m": 1e-3, "rad": 1e-3}
-"""By which a machine is off as assembled: the scale of an unknown, m, rad."""
+TOLERANCE = {"m": 1e-3, "rad": 1e-3, "rad/m": 1e-3}
+"""By which a machine is off as assembled: the scale of an unknown, in its unit."""
+LEVER = 1.0
+"""m, of a tilt that is estimated."""
 STEP = 0.1
 """Tolerances: step of the numerical derivative. 0.1 mm of 0.6 m: truncation below 1e-7, rounding below 1e-11."""
 RANK = 1e-6
@@ -58,26 +64,50 @@ PROBABILITY = 0.95
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number of the geometry: `name` of its parameter, `index` in it if it is a list; `unit`, m or rad."""
+    """One number of `section`: `name` of its parameter, `index` in it if it is a list; `unit`, m, rad or rad/m."""
 
     name: str
     index: int | None
     unit: str
+    section: str = "geometry"
 
     @property
     def key(self) -> str:
         """As the machine file has it, with the place in the list counted from 0."""
-        return f"geometry.{self.name}" + ("" if self.index is None else f"[{self.index}]")
+        return f"{self.section}.{self.name}" + ("" if self.index is None else f"[{self.index}]")
 
     @property
     def tolerance(self) -> float:
-        """m or rad."""
+        """In `unit`."""
         return TOLERANCE[self.unit]
 
 
 @dataclass(frozen=True)
+class Believed:
+    """What a calibration varies: a machine and, on one in space, how its platform tilts."""
+
+    machine: Machine
+    tilt: TiltParameters | None = None
+
+    @staticmethod
+    def start(machine: Machine, tilt: bool) -> Believed:
+        """`machine`, level, with a tilt to be estimated or none. Raises InputError for a tilt of one not in space."""
+        if tilt and tuple(machine.coordinates) != ("x", "y", "z"):
+            raise InputError(
+                f"calibrate: a {type(machine).__name__.lower()} moves in {', '.join(machine.coordinates)}: a tilt is "
+                "estimated on a machine that moves in x, y, z"
+            )
+        return Believed(machine, TiltParameters(lever=LEVER) if tilt else None)
+
+    def forward(self, joints: ArrayLike) -> Array:
+        """True TCP (..., coordinates), m, in `base_link` with the drives at `joints` (..., axes), m."""
+        tcp = self.machine.forward(joints)
+        return tcp if self.tilt is None else self.tilt.displaced(tcp)
+
+
+@dataclass(frozen=True)
 class Estimate:
-    """What became of one unknown: value before and after, half the 95 % interval (NaN = none), m or rad.
+    """What became of one unknown: value before and after, half the 95 % interval (NaN = none), in its unit.
 
     `status`: "estimated"; "relative": estimated, and true if those left alone are; "left alone": not observable.
     """
@@ -100,11 +130,12 @@ class Calibration:
 
     `rank` of the problem, `condition` of what is observable (largest by smallest singular value, unknowns in
     tolerances), `covariance` (rank, rank) of the parameters not left alone, `scatter` the standard deviation of what
-    is left, m.
+    is left, m. `tilt` is None if it was not asked for.
     """
 
     method: str
     machine: Machine
+    tilt: TiltParameters | None
     estimates: tuple[Estimate, ...]
     before: Array
     after: Array
@@ -114,8 +145,9 @@ class Calibration:
     scatter: float
 
 
-def unknowns_of(machine: Machine) -> tuple[Unknown, ...]:
-    """What a calibration of `machine` looks for. Raises InputError if its geometry has no such parameter."""
+def unknowns_of(believed: Believed) -> tuple[Unknown, ...]:
+    """What a calibration of `believed` looks for. Raises InputError if its geometry has no such parameter."""
+    machine = believed.machine
     geometry = getattr(machine, "geometry", None)
     found: list[Unknown] = []
     for spec in parameters_of(machine.Geometry):
@@ -127,37 +159,46 @@ def unknowns_of(machine: Machine) -> tuple[Unknown, ...]:
         found += [Unknown(spec.name, place, spec.unit) for place in places]
     if not found:
         raise InputError(f"calibrate: the machine {type(machine).__name__.lower()} has no geometry to calibrate")
+    if believed.tilt is not None:
+        found += [Unknown(name, None, "rad/m", "actual.tilt") for name in ("about_y", "about_x")]
     return tuple(found)
 
 
-def values_of(machine: Machine, unknowns: Sequence[Unknown]) -> Array:
-    """The unknowns' values in the geometry of `machine`, (p,), m and rad."""
-    geometry = machine.geometry  # type: ignore[attr-defined]
-    values = [getattr(geometry, one.name) for one in unknowns]
+def _section(believed: Believed, unknown: Unknown) -> Any:
+    return believed.machine.geometry if unknown.section == "geometry" else believed.tilt  # type: ignore[attr-defined]
+
+
+def values_of(believed: Believed, unknowns: Sequence[Unknown]) -> Array:
+    """The unknowns' values in `believed`, (p,), in their units."""
+    values = [getattr(_section(believed, one), one.name) for one in unknowns]
     return np.array(
         [value if one.index is None else value[one.index] for one, value in zip(unknowns, values, strict=True)]
     )
 
 
-def with_values(machine: Machine, unknowns: Sequence[Unknown], values: Array) -> Machine:
-    """The machine with `values` (p,) of the unknowns, m and rad. Raises InputError for what cannot be built."""
-    geometry = machine.geometry  # type: ignore[attr-defined]
-    changed: dict[str, float | tuple[float, ...]] = {}
+def with_values(believed: Believed, unknowns: Sequence[Unknown], values: Array) -> Believed:
+    """The machine with `values` (p,) of the unknowns, in their units. Raises InputError for what cannot be built."""
+    changed: dict[str, dict[str, float | tuple[float, ...]]] = {"geometry": {}, "actual.tilt": {}}
     for one, value in zip(unknowns, values.tolist(), strict=True):
+        there = changed[one.section]
         if one.index is None:
-            changed[one.name] = value
+            there[one.name] = value
         else:
-            present = changed.get(one.name, getattr(geometry, one.name))
-            changed[one.name] = (*present[: one.index], value, *present[one.index + 1 :])
-    return type(machine)(dataclasses.replace(geometry, **changed))
+            present: Any = there.get(one.name, getattr(_section(believed, one), one.name))
+            there[one.name] = (*present[: one.index], value, *present[one.index + 1 :])
+    machine = believed.machine
+    geometry: Any = machine.geometry  # type: ignore[attr-defined]
+    tilt: Any = believed.tilt
+    moved = type(machine)(dataclasses.replace(geometry, **changed["geometry"]))
+    return Believed(moved, None if tilt is None else dataclasses.replace(tilt, **changed["actual.tilt"]))
 
 
-def sensitivity(machine: Machine, unknowns: Sequence[Unknown], measurements: Measurements, values: Array) -> Array:
+def sensitivity(believed: Believed, unknowns: Sequence[Unknown], measurements: Measurements, values: Array) -> Array:
     """d predicted / d unknown, (m, p), m by tolerance, at `values` (p,). Raises InputError."""
     columns = []
     for index, one in enumerate(unknowns):
         step = STEP * one.tolerance * np.eye(len(unknowns))[index]
-        high, low = (measurements.predicted(with_values(machine, unknowns, values + way)) for way in (step, -step))
+        high, low = (measurements.predicted(with_values(believed, unknowns, values + way)) for way in (step, -step))
         columns.append((high - low) / (2.0 * STEP))
     return np.stack(columns, axis=1)
 
@@ -183,28 +224,30 @@ def freedom_of(measured: int, observable: int) -> int:
     return measured - observable
 
 
-def calibrate(machine: Machine, measurements: Measurements) -> Calibration:
-    """Estimate the geometry of `machine` by least squares from measurements, starting from its own.
+def calibrate(machine: Machine, measurements: Measurements, *, tilt: bool = False) -> Calibration:
+    """Estimate the geometry of `machine` by least squares from measurements, starting from its own; and its `tilt`.
 
-    Raises InputError if the measurements are fewer than the unknowns, miss a motion, or fit no such machine.
+    Raises InputError if the measurements are fewer than the unknowns, miss a motion, or fit no such machine, and for
+    the tilt of a machine that does not move in space.
     """
-    unknowns = unknowns_of(machine)
+    believed = Believed.start(machine, tilt)
+    unknowns = unknowns_of(believed)
     with threadpool_limits(1):  # the result shall not depend on their number
         try:
             measurements.check(machine)
-            return _calibrated(machine, unknowns, measurements)
+            return _calibrated(believed, unknowns, measurements)
         except UnreachableError as error:
             raise InputError(f"calibrate: the measurements do not fit the machine: {error}") from None
 
 
-def _calibrated(machine: Machine, unknowns: Sequence[Unknown], measurements: Measurements) -> Calibration:
-    before, observed = values_of(machine, unknowns), measurements.observed
-    kept, unmeasured = _observable(sensitivity(machine, unknowns, measurements, before))
+def _calibrated(believed: Believed, unknowns: Sequence[Unknown], measurements: Measurements) -> Calibration:
+    before, observed = values_of(believed, unknowns), measurements.observed
+    kept, unmeasured = _observable(sensitivity(believed, unknowns, measurements, before))
     freedom = freedom_of(len(observed), len(kept))
     chosen = [unknowns[place] for place in kept]
     values = before.copy()
-    values[kept] = _fitted(machine, chosen, measurements, before[kept])
-    found = with_values(machine, unknowns, values)
+    values[kept] = _fitted(believed, chosen, measurements, before[kept])
+    found = with_values(believed, unknowns, values)
     left = observed - measurements.predicted(found)
     scatter = float(np.sqrt(np.square(left).sum() / freedom))
     derivative = sensitivity(found, chosen, measurements, values[kept])
@@ -218,9 +261,10 @@ def _calibrated(machine: Machine, unknowns: Sequence[Unknown], measurements: Mea
     ]
     return Calibration(
         method="least-squares",
-        machine=found,
+        machine=found.machine,
+        tilt=found.tilt,
         estimates=tuple(estimates),
-        before=observed - measurements.predicted(machine),
+        before=observed - measurements.predicted(believed),
         after=left,
         rank=len(kept),
         condition=condition_of(derivative)[1],
@@ -241,7 +285,7 @@ def estimates_of(
 
 
 def covariance_of(unknowns: Sequence[Unknown], derivative: Array, scatter: float) -> Array:
-    """Covariance (p, p) of the unknowns, m and rad."""
+    """Covariance (p, p) of the unknowns, in their units."""
     scale = np.array([one.tolerance for one in unknowns])
     _, singular, directions = np.linalg.svd(derivative, full_matrices=False)
     root = directions.T * (scale[:, None] / singular)
@@ -258,16 +302,16 @@ def _observable(derivative: Array) -> tuple[list[int], Array]:
     return sorted(order[:rank].tolist()), unmeasured
 
 
-def _fitted(machine: Machine, unknowns: Sequence[Unknown], measurements: Measurements, start: Array) -> Array:
+def _fitted(believed: Believed, unknowns: Sequence[Unknown], measurements: Measurements, start: Array) -> Array:
     """The values (p,) that leave the smallest deviations. Raises InputError, UnreachableError."""
     scale = np.array([one.tolerance for one in unknowns])
 
     def residual(steps: Array) -> Array:
-        machine_there = with_values(machine, unknowns, start + scale * steps)
-        return (measurements.predicted(machine_there) - measurements.observed) / TOLERANCE["m"]
+        there = with_values(believed, unknowns, start + scale * steps)
+        return (measurements.predicted(there) - measurements.observed) / TOLERANCE["m"]
 
     def derivative(steps: Array) -> Array:
-        return sensitivity(machine, unknowns, measurements, start + scale * steps) / TOLERANCE["m"]
+        return sensitivity(believed, unknowns, measurements, start + scale * steps) / TOLERANCE["m"]
 
     found = optimize.least_squares(
         residual, np.zeros(len(unknowns)), jac=derivative, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15

@@ -1,8 +1,10 @@
 """A calibrated machine as a file: the estimate becomes what the controller believes, its uncertainty a comment.
 
 The estimate is written as `geometry.*`, the nominal geometry, because that is what a controller corrects its kinematics
-with. What the machine truly is, `actual.geometry.*`, is nobody's to know but a simulation's: a file that has it keeps
-it, written out where it was inherited from the nominal geometry, so that the machine stays the one that was measured.
+with. A tilt that was estimated is written as `actual.tilt.*`: controllers do not correct it, but a compensation by this
+model of the machine does. What the machine truly is, `actual.geometry.*`, is nobody's to know but a simulation's: a
+file that has it keeps it, written out where it was inherited from the nominal geometry, and keeps its tilt, so that the
+machine stays the one that was measured.
 """
 
 from __future__ import annotations
@@ -20,11 +22,13 @@ __all__ = ["calibrated_setup", "calibrated_yaml"]
 
 
 def calibrated_setup(setup: Setup, calibration: Calibration) -> Setup:
-    """The machine whose controller knows the estimated geometry."""
+    """The machine whose controller knows the estimated geometry, and which tilts as estimated."""
     values: dict[str, Value] = {key: value for key, (value, _) in setup.parameters.items()}
-    names = {estimate.unknown.name for estimate in calibration.estimates}
+    names = {one.unknown.name for one in calibration.estimates if one.unknown.section == "geometry"}
     if setup.actual is not setup.machine:
         values = {**{f"actual.geometry.{name}": values[f"geometry.{name}"] for name in names}, **values}
+    elif calibration.tilt is not None:
+        values |= {f"actual.tilt.{name}": value for name, value in vars(calibration.tilt).items()}
     geometry = calibration.machine.geometry  # type: ignore[attr-defined]
     for spec in parameters_of(type(geometry)):
         if spec.name in names:

@@ -15,29 +15,20 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc.bag import Run
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.evaluation import setup_of
-from pkm_cnc.kinematics import Machine
+from pkm_cnc.kinematics import NOT_AS_DRAWN, Machine
 
-__all__ = ["UNKNOWNS", "Circle", "Measurements", "Positions", "positions_of_run", "read_measurements"]
+__all__ = ["UNKNOWNS", "Circle", "Forward", "Measurements", "Positions", "positions_of_run", "read_measurements"]
 
 Array = NDArray[np.float64]
 
-UNKNOWNS = (
-    "inclination",
-    "tcp_offset",
-    "slider_offset",
-    "strut_length_error",
-    "base_offset",
-    "base_radius_error",
-    "azimuth_error",
-    "base_height",
-)
-"""Parameters of a geometry that a calibration looks for, where the machine has them: what no drawing says."""
+UNKNOWNS = NOT_AS_DRAWN
+"""Parameters of a geometry that a calibration looks for."""
 UNITS = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 BAG_ROWS = 500
 """Cycles taken from a bag, evenly spread: neighbouring cycles say the same."""
@@ -47,6 +38,13 @@ CONSTANT = 1e-6
 """m. A drive that moves less stands still."""
 
 
+class Forward(Protocol):
+    """What tells where the TCP is: a machine, or one whose platform tilts."""
+
+    def forward(self, joints: ArrayLike) -> Array:
+        """TCP (..., coordinates), m, in `base_link` with the drives at `joints` (..., axes), m."""
+
+
 class Measurements(Protocol):
     """What was observed, and what a machine of another geometry would have shown at the same drive positions."""
 
@@ -54,7 +52,7 @@ class Measurements(Protocol):
     def observed(self) -> Array:
         """(m,), m."""
 
-    def predicted(self, machine: Machine) -> Array:
+    def predicted(self, machine: Forward) -> Array:
         """(m,), m: `observed` as `machine` has it. Raises UnreachableError."""
 
     def check(self, machine: Machine) -> None:
@@ -75,7 +73,7 @@ class Positions:
         """The measured coordinates, row after row, (n * coordinates,), m."""
         return self.tcp.reshape(-1)
 
-    def predicted(self, machine: Machine) -> Array:
+    def predicted(self, machine: Forward) -> Array:
         """TCP that `machine` has at these drive positions, as `observed`. Raises UnreachableError."""
         return machine.forward(self.joints).reshape(-1)
 
@@ -98,7 +96,7 @@ class Circle:
         """The measured radius, (n,), m."""
         return self.radius
 
-    def predicted(self, machine: Machine) -> Array:
+    def predicted(self, machine: Forward) -> Array:
         """Distance (n,), m, that `machine` has between both positions. Raises UnreachableError."""
         apart = machine.forward(self.joints) - machine.forward(self.center)
         return np.asarray(np.sqrt(np.square(apart).sum(axis=-1)))

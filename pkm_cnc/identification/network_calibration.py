@@ -22,6 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from pkm_cnc.errors import InputError, UnreachableError
 from pkm_cnc.identification.calibration import (
+    Believed,
     Calibration,
     Unknown,
     condition_of,
@@ -58,10 +59,10 @@ class NetworkCalibration:
     """The calibrated machine and how it came about.
 
     `history` (iterations + 1, m), m: the deviations at the start and after each iteration (fig. 4-5). `networks` of the
-    first iteration, which saw the widest band, one for every unknown; `spread` (p,), m or rad, the standard deviation
-    of what they make of `REPETITIONS` measurements that differ by their noise alone. It is no uncertainty: where the
-    data tell nothing a network answers the middle of its band, every time. The intervals of `calibration` are those of
-    least squares at its values, which is what the data can tell.
+    first iteration, which saw the widest band, one for every unknown; `spread` (p,), in their units, the standard
+    deviation of what they make of `REPETITIONS` measurements that differ by their noise alone. It is no uncertainty:
+    where the data tell nothing a network answers the middle of its band, every time. The intervals of `calibration` are
+    those of least squares at its values, which is what the data can tell.
     """
 
     calibration: Calibration
@@ -77,25 +78,27 @@ def calibrate_by_networks(
     seed: int = 0,
     iterations: int = ITERATIONS,
     vectors: int = VECTORS,
+    tilt: bool = False,
 ) -> NetworkCalibration:
-    """Estimate the geometry of `machine` by networks, starting from its own. Equal arguments give equal results.
+    """Estimate the geometry of `machine` by networks, starting from its own, and its `tilt`.
 
-    Raises InputError if the measurements miss a motion, leave an unknown unobservable, or come from a machine further
-    off than the band of training.
+    Equal arguments give equal results. Raises InputError if the measurements miss a motion, leave an unknown
+    unobservable, or come from a machine further off than the band of training, and as `calibrate` for a tilt.
     """
-    unknowns = unknowns_of(machine)
+    believed = Believed.start(machine, tilt)
+    unknowns = unknowns_of(believed)
     generator = np.random.default_rng(seed)
     with threadpool_limits(1):
         try:
             measurements.check(machine)
-            _require_observable(machine, unknowns, measurements)
-            return _calibrated(machine, unknowns, measurements, generator, iterations, vectors)
+            _require_observable(believed, unknowns, measurements)
+            return _calibrated(believed, unknowns, measurements, generator, iterations, vectors)
         except UnreachableError as error:
             raise InputError(f"calibrate: the measurements do not fit the machine: {error}") from None
 
 
-def _require_observable(machine: Machine, unknowns: Sequence[Unknown], measurements: Measurements) -> None:
-    rank, _ = condition_of(sensitivity(machine, unknowns, measurements, values_of(machine, unknowns)))
+def _require_observable(believed: Believed, unknowns: Sequence[Unknown], measurements: Measurements) -> None:
+    rank, _ = condition_of(sensitivity(believed, unknowns, measurements, values_of(believed, unknowns)))
     if rank < len(unknowns):
         raise InputError(
             f"calibrate: these measurements tell {rank} of {len(unknowns)} unknowns: no network can learn the others; "
@@ -105,33 +108,35 @@ def _require_observable(machine: Machine, unknowns: Sequence[Unknown], measureme
 
 
 def _calibrated(
-    machine: Machine,
+    believed: Believed,
     unknowns: Sequence[Unknown],
     measurements: Measurements,
     generator: np.random.Generator,
     iterations: int,
     vectors: int,
 ) -> NetworkCalibration:
-    before = values_of(machine, unknowns)
+    before = values_of(believed, unknowns)
     values, observed = before.copy(), measurements.observed
-    history = [observed - measurements.predicted(machine)]
+    history = [observed - measurements.predicted(believed)]
     first: list[Network] = []
     half_band = BAND * np.array([one.tolerance for one in unknowns])
     for iteration in range(iterations):
         for place in range(len(unknowns)):
-            network = _taught(machine, unknowns, measurements, values, half_band, place, generator, vectors)
-            deviation = observed - measurements.predicted(with_values(machine, unknowns, values))
+            network = _taught(believed, unknowns, measurements, values, half_band, place, generator, vectors)
+            deviation = observed - measurements.predicted(with_values(believed, unknowns, values))
             values[place] += network.estimate(deviation)[0, 0]
             first += [network] if iteration == 0 else []
         half_band = NARROWER * half_band
-        history.append(observed - measurements.predicted(with_values(machine, unknowns, values)))
-    derivative = sensitivity(machine, unknowns, measurements, values)
+        history.append(observed - measurements.predicted(with_values(believed, unknowns, values)))
+    derivative = sensitivity(believed, unknowns, measurements, values)
     rank, condition = condition_of(derivative)
-    scatter = _scatter(machine, unknowns, measurements, values)
+    scatter = _scatter(believed, unknowns, measurements, values)
     covariance = covariance_of(unknowns, derivative, scatter)
+    found = with_values(believed, unknowns, values)
     result = Calibration(
         method="nn",
-        machine=with_values(machine, unknowns, values),
+        machine=found.machine,
+        tilt=found.tilt,
         estimates=estimates_of(unknowns, before, values, covariance, freedom_of(len(observed), rank)),
         before=history[0],
         after=history[-1],
@@ -146,7 +151,7 @@ def _calibrated(
 
 
 def _taught(
-    machine: Machine,
+    believed: Believed,
     unknowns: Sequence[Unknown],
     measurements: Measurements,
     values: Array,
@@ -156,10 +161,10 @@ def _taught(
     vectors: int,
 ) -> Network:
     """A network for the step of unknown `place` from `values` (p,), trained within `half_band` (p,) around them."""
-    here = measurements.predicted(with_values(machine, unknowns, values))
+    here = measurements.predicted(with_values(believed, unknowns, values))
     steps = generator.uniform(-half_band, half_band, (vectors, len(unknowns)))
-    noise = _scatter(machine, unknowns, measurements, values)
-    rows = [measurements.predicted(with_values(machine, unknowns, values + step)) - here for step in steps]
+    noise = _scatter(believed, unknowns, measurements, values)
+    rows = [measurements.predicted(with_values(believed, unknowns, values + step)) - here for step in steps]
     inputs = np.stack(rows) + generator.normal(0.0, noise, (vectors, len(here)))
     trained_on = {
         f"{one.key}_{one.unit}": f"{value - half:.4g} to {value + half:.4g}"
@@ -170,10 +175,10 @@ def _taught(
     return train(name, inputs, {name: steps[:, place]}, trained_on=trained_on, seed=seed, noise=noise)
 
 
-def _scatter(machine: Machine, unknowns: Sequence[Unknown], measurements: Measurements, values: Array) -> float:
+def _scatter(believed: Believed, unknowns: Sequence[Unknown], measurements: Measurements, values: Array) -> float:
     """Standard deviation, m, of that part of the deviations that no unknown explains, to first order at `values`."""
-    deviation = measurements.observed - measurements.predicted(with_values(machine, unknowns, values))
-    axes, _ = np.linalg.qr(sensitivity(machine, unknowns, measurements, values))
+    deviation = measurements.observed - measurements.predicted(with_values(believed, unknowns, values))
+    axes, _ = np.linalg.qr(sensitivity(believed, unknowns, measurements, values))
     left = deviation - axes @ (axes.T @ deviation)
     return float(np.sqrt(np.square(left).sum() / freedom_of(len(left), len(unknowns))))
 

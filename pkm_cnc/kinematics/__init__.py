@@ -11,9 +11,18 @@ from typing import cast
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics._in_space import in_space
-from pkm_cnc.kinematics.machine import Machine, Motion, Violation, reached_rows
+from pkm_cnc.kinematics.machine import NOT_AS_DRAWN, Machine, Motion, Violation, reached_rows
 
-__all__ = ["Machine", "Motion", "Violation", "in_space", "load_kinematics", "machine_names", "reached_rows"]
+__all__ = [
+    "NOT_AS_DRAWN",
+    "Machine",
+    "Motion",
+    "Violation",
+    "in_space",
+    "load_kinematics",
+    "machine_names",
+    "reached_rows",
+]
 
 
 def machine_names() -> list[str]:

@@ -10,12 +10,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc.errors import UnreachableError
 
-__all__ = ["Array", "Machine", "Motion", "Segment", "Violation", "reached_rows", "unreachable"]
+__all__ = ["NOT_AS_DRAWN", "Array", "Machine", "Motion", "Segment", "Violation", "reached_rows", "unreachable"]
 
 Array = NDArray[np.float64]
 
 Motion = Callable[[ArrayLike, ArrayLike, ArrayLike], tuple[Array, Array, Array]]
 """From position, velocity, acceleration of the TCP to those of the joints, as `Machine.motion`."""
+
+NOT_AS_DRAWN = (
+    "inclination",
+    "tcp_offset",
+    "slider_offset",
+    "strut_length_error",
+    "base_offset",
+    "base_radius_error",
+    "azimuth_error",
+    "base_height",
+)
+"""Parameters of a geometry, where a machine has them, that no drawing says: two machines of one drawing differ in these
+alone, and a calibration looks for them."""
 
 Segment = tuple[str, Array]
 """A named open polyline of a drawing: points of shape (m, 3), m, in `base_link`."""

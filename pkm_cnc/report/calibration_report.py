@@ -53,7 +53,7 @@ def _row(estimate: Estimate) -> list[str | float | None]:
         remark = "; ".join(filter(None, (remark, "these data do not fix it")))
     return [
         estimate.unknown.key,
-        "um" if estimate.unknown.unit == "m" else "urad",
+        "um" if estimate.unknown.unit == "m" else f"u{estimate.unknown.unit}",
         UM * estimate.before,
         UM * estimate.value,
         half,

@@ -13,7 +13,7 @@ from pkm_cnc.reproduction.evidence import Evidence
 
 __all__ = ["LEFT_OUT", "VERDICTS", "Judged", "Reproduction", "judge", "reproduce"]
 
-LEFT_OUT = ("calibration", "compensation", "workspace-map")
+LEFT_OUT = ("calibration", "compensation", "identification", "workspace-map")
 """Experiments that no claim needs and that take too long beside the others."""
 VERDICTS: tuple[Verdict, ...] = ("reproduced", "contradicted", "not checkable")
 

@@ -18,6 +18,7 @@ FLAGS = (
 ).split()
 SMALL = {
     "compensation": {"program": "square", "passes": 1},
+    "identification": {"program": "square"},
     "star": {"headings": (0.0, 45.0), "feeds": (6000.0,), "pivot": (0.0, 0.0)},
     "circle": {"radii": (20.0,), "feeds": (3000.0,)},
     "drive-based": {"headings": (0.0, 45.0), "radius": 20.0},
