@@ -12,6 +12,7 @@ one training, many measurements. The intervals are those of least squares at the
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -118,9 +119,15 @@ def _taught(
 
 
 def _spread(network: Network, measured: Array, noise: float, generator: np.random.Generator) -> Array:
-    """Standard deviations (p,), in steps, of the answers to `measured` (m,) with noise anew; NaN at the band's edge."""
-    repeated = measured + generator.normal(0.0, noise, (REPETITIONS, len(measured)))
-    try:
-        return np.asarray(network.estimate(repeated).std(axis=0))
-    except InputError:
+    """Standard deviations (p,), in steps, of the answers to `measured` (m,) with noise anew.
+
+    Of those that the network answers: near the band's edge the noise may carry a measurement beyond it. NaN if that
+    are most.
+    """
+    answers = []
+    for repeated in measured + generator.normal(0.0, noise, (REPETITIONS, len(measured))):
+        with contextlib.suppress(InputError):
+            answers.append(network.estimate(repeated)[0])
+    if 2 * len(answers) < REPETITIONS:
         return np.full(len(network.outputs), np.nan)
+    return np.asarray(np.std(answers, axis=0))
