@@ -16,6 +16,7 @@ from pkm_cnc.contour import circle_program, star_program
 from pkm_cnc.errors import InputError
 from pkm_cnc.identification import ContourData, Network, drive_run, drive_unknowns, fit_drives_by_networks
 from pkm_cnc.program import read_program
+from pkm_cnc.servo import DriveParameters, equivalent_delay
 from pkm_cnc.simulation import simulate
 from pkm_cnc.topics import recorded_topics
 
@@ -56,6 +57,41 @@ def identify(*arguments):
     return status, out.getvalue(), err.getvalue()
 
 
+CORNERS = "%\nG21 G90\nG1 X60 Y20 Z-20 F6000\nG1 X-40 Y50 Z0\nG1 X0 Y-40 Z20\nG1 X0 Y0 Z0\nM30\n%\n"
+
+
+def test_a_machine_with_friction_is_identified_in_what_is_linear(tmp_path):
+    """Its drives are late by their dead time besides the velocity loop; what friction leaves is told as a deviation."""
+    bag, out = record(tmp_path, "corners", CORNERS, "tripod_real"), tmp_path / "found.yaml"
+    status, _, errors = identify("--machine", "tripod_real", "--bag", bag, "-o", out)
+    assert (status, errors) == (0, "")
+    found = load_setup(str(out))
+    for axis, parts in found.axes.items():
+        assert found.imperfect(axis) in ("", "drive.dead_time")
+        assert parts.drive.kv == pytest.approx(20.0, rel=0.02)
+        late = equivalent_delay(parts.drive) + parts.drive.dead_time
+        assert late == pytest.approx(equivalent_delay(DriveParameters()) + 0.001, rel=0.1)
+
+
+def test_a_calibrated_machine_explains_bags_of_before(tmp_path):
+    errors_of_struts = "geometry.strut_length_error=[200.0e-6,-100.0e-6,50.0e-6]"
+    circle = circle_program(
+        feed_mm_min=6000.0,
+        radius_mm=60.0,
+        center_mm=(0.0, 0.0),
+        direction="both",
+        overshoot_deg=60.0,
+        acceleration_mm_s2=2000.0,
+    )
+    bag = record(tmp_path, "circle", circle, "tripod", "drive.kv=23.64", f"actual.{errors_of_struts}")
+    out = tmp_path / "found.yaml"
+    for believed in (errors_of_struts, f"actual.{errors_of_struts}"):
+        arguments = ["--machine", "tripod", "--set", believed, "--bag", bag, "--data", "contour", "-o", out]
+        assert identify(*arguments)[0] == 0
+        found = load_setup(str(out))
+        assert [parts.drive.kv for parts in found.axes.values()] == pytest.approx([23.64] * 3, rel=1e-6)
+
+
 @pytest.mark.parametrize("data", ["axis", "contour"])
 def test_kv_is_found_without_noise(bags, tmp_path, data):
     out = tmp_path / "found.yaml"
@@ -65,6 +101,7 @@ def test_kv_is_found_without_noise(bags, tmp_path, data):
     assert [parts.drive.kv for parts in found.axes.values()] == pytest.approx([23.64] * 3, rel=1e-6)
     assert "left alone" in text
     assert "change_um_per_step" in text
+    assert "after_um" in text
 
 
 def test_networks_find_kv_from_contour_errors(bags):

@@ -35,6 +35,7 @@ from pkm_cnc.plant import DEAD_TIME
 from pkm_cnc.report import Page, Table, parameter_tables, text_table, write_page
 from pkm_cnc.report.identification_report import (
     bandwidth_table,
+    deviation_table,
     estimate_table,
     identification_data,
     response_figure,
@@ -54,7 +55,7 @@ def run(arguments: argparse.Namespace) -> None:
         make_folder(Path(arguments.report))
     fits, networks = _fits(setup, runs, arguments.data, arguments.method, arguments.seed)
     found = identified_setup(setup, fits)
-    tables = [estimate_table(fits), bandwidth_table(found), singular_table(fits)]
+    tables = [estimate_table(fits), deviation_table(fits), bandwidth_table(found), singular_table(fits)]
     write_text(arguments.output, identified_yaml(setup, fits, [Path(bag).name for bag in arguments.bag]))
     print("\n\n".join(map(text_table, tables)))
     print(f"machine {arguments.output}")

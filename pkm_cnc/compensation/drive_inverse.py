@@ -7,6 +7,7 @@ preprocessor can: they are applied to a whole run at once, in the frequency doma
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,7 +100,8 @@ def _zeros(model: Setup, axis: str) -> NDArray[np.complex128]:
     from scipy.linalg import eigvals
 
     parts = model.axes[axis]
-    system = axis_loop(parts.drive, parts.screw.pitch, model.servo_period)
+    drive = dataclasses.replace(parts.drive, dead_time=0.0)  # as in the responses: it adds zeros at infinity alone
+    system = axis_loop(drive, parts.screw.pitch, model.servo_period)
     size = len(system.A)
     pencil = np.zeros((size + 2, size + 2))  # states, setpoint; input: its increment
     pencil[:size, :size], pencil[:size, -1] = system.A, system.B[:, 0]

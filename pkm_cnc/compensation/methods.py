@@ -12,6 +12,7 @@ All look for a correction across the contour: the tool's lag along its path is n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -23,7 +24,7 @@ from pkm_cnc.compensation.mirror import mirrored
 from pkm_cnc.compensation.observation import Observation
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError, UnreachableError
-from pkm_cnc.program import Toolpath
+from pkm_cnc.program import Toolpath, frames
 
 __all__ = ["METHODS", "Method", "Situation"]
 
@@ -133,17 +134,11 @@ def _by_joints(situation: Situation, filtered: object) -> Correction:
     return Correction.fitted(situation.correction.spans, run.s[learnt], change[learnt], SMOOTH)
 
 
-def _tangents(contour: Toolpath, s: Array, segments: list[int] | None = None) -> Array:
+def _tangents(contour: Toolpath, s: Array, segments: Sequence[int] | None = None) -> Array:
     """Unit tangents (n, 3) at path lengths `s` (n,) of the contour, m."""
-    if segments is None:
-        places = np.searchsorted(np.array(contour.starts), s, side="right") - 1
-        segments = np.clip(places, 0, None).tolist()
-    return np.array(
-        [
-            contour.elements[segment].tangent(place - contour.starts[segment])
-            for segment, place in zip(segments, s.tolist(), strict=True)
-        ]
-    )
+    starts = np.array(contour.starts)
+    which = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None) if segments is None else np.array(segments)
+    return np.asarray(frames(contour.elements, which, s - starts[which])[1].T)
 
 
 METHODS: dict[str, Method] = {

@@ -33,7 +33,7 @@ from pkm_cnc.compensation.writer import compensated_program
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
 from pkm_cnc.parameters import parameter
-from pkm_cnc.program import Program, Toolpath, carried_original
+from pkm_cnc.program import Program, Toolpath, carried_original, frames
 
 __all__ = ["Compensated", "CompensationOptions", "Pass", "compensate"]
 
@@ -254,14 +254,10 @@ class _Work:
         setpoints = setpoints_of(self.setup, self.toolpath)
         points = np.array([point[:3] for point in setpoints])
         errors = tracker_of(self.contour).follow(points, [point.segment for point in setpoints])
-        tangents = np.array(
-            [
-                self.contour.elements[error.segment].tangent(error.path_length - self.contour.starts[error.segment])
-                for error in errors
-            ]
-        )
-        vectors = across(np.array([error[:3] for error in errors]), tangents)
         places = np.array([error.path_length for error in errors])
+        which = np.array([error.segment for error in errors])
+        tangents = frames(self.contour.elements, which, places - np.array(self.contour.starts)[which])[1].T
+        vectors = across(np.array([error[:3] for error in errors]), tangents)
         return Correction.fitted(self.spans, places, vectors)
 
     def _check(self, program: Program, toolpath: Toolpath, before: Observation, after: Observation) -> None:

@@ -49,8 +49,9 @@ def drive_run(run: Run, setup: Setup) -> DriveRun:
     """What `run` tells of the drives of `setup`.
 
     Raises InputError for a run of another machine (other kinematics, dimensions or servo period; drives may differ,
-    they are what is looked for, and so may what a calibration finds: the run may be of before it), one with a controller at the TCP, topics that are missing, numbers that are not finite
-    and a scale that does not move although its setpoint does.
+    they are what is looked for, and so may what a calibration finds: the run may be of before it), one with a
+    controller at the TCP, topics that are missing, numbers that are not finite and a scale that does not move although
+    its setpoint does.
     """
     _check_same(run, setup)
     cycles = run.cycles()

@@ -14,6 +14,7 @@ from pkm_cnc.report.figure import Curve, Figure, Panel, Table
 
 __all__ = [
     "bandwidth_table",
+    "deviation_table",
     "estimate_table",
     "identification_data",
     "response_figure",
@@ -21,6 +22,8 @@ __all__ = [
 ]
 
 UM = 1e6
+COHERENT = 0.8
+"""1. Below this coherence a recorded response is not drawn: a fifth of the answer comes from elsewhere."""
 
 
 def estimate_table(fits: Sequence[DriveFit]) -> Table:
@@ -59,6 +62,16 @@ def bandwidth_table(setup: Setup) -> Table:
     return Table("Velocity loops as first-order lags", ("drive", "bandwidth_Hz"), rows)
 
 
+def deviation_table(fits: Sequence[DriveFit]) -> Table:
+    """What the drives of the machine file and the estimated ones do not explain, and the noise of an observation."""
+    rows: list[list[str | float | None]] = [
+        [fit.name, len(fit.after), f"{UM * fit.noise:.3g}", f"{_rms(fit.before):.4g}", f"{_rms(fit.after):.4g}"]
+        for fit in fits
+    ]
+    title = "Deviations, rms; what is left above the noise the model lacks (friction, backlash)"
+    return Table(title, ("data", "observations", "noise_um", "before_um", "after_um"), rows)
+
+
 def singular_table(fits: Sequence[DriveFit]) -> Table:
     """What the data tell by direction, the best first: a step is a time constant doubled, a full feed-forward, 1 ms."""
     rows: list[list[str | float | None]] = []
@@ -89,12 +102,24 @@ def response_figure(measured: dict[str, FrequencyResponse], model: dict[str, Fre
     ):
         curves = []
         for axis, response in measured.items():
-            curves.append(Curve(axis, response.frequency, getattr(response, part)))
-            if part != "coherence":
-                curves.append(Curve(f"{axis}, model", model[axis].frequency, getattr(model[axis], part)))
+            if part == "coherence":
+                curves.append(Curve(axis, response.frequency, response.coherence))
+                continue
+            end = _end_of_coherence(response)
+            for name, drawn in ((axis, response), (f"{axis}, model", model[axis])):
+                curves.append(Curve(name, drawn.frequency[:end], getattr(drawn, part)[:end]))
         panels.append(Panel(title, "frequency (Hz)", label, curves))
-    caption = "From setpoint to scale reading, by Welch's method. Where the coherence is below 1, believe nothing."
+    caption = (
+        "From setpoint to scale reading, by Welch's method, as far as the program excites the drive: up to where the "
+        f"coherence falls below {COHERENT:g}."
+    )
     return Figure("frequency_response", "Frequency response of the drives", panels, caption, share_x=True)
+
+
+def _end_of_coherence(response: FrequencyResponse) -> int:
+    """How many frequencies from the lowest on are coherent; two at least, for a line."""
+    below = np.append(response.coherence < COHERENT, True)
+    return max(2, int(np.argmax(below)))
 
 
 def identification_data(fits: Sequence[DriveFit]) -> dict[str, Any]:
