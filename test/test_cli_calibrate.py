@@ -172,3 +172,33 @@ def test_arguments(tmp_path):
     words = ("calibrate", "--machine", "monopod", "--measurements", rows)
     assert "cannot be written" in refused(*words, "-o", tmp_path / "no" / "o.yaml")
     assert "--seed: -1" in refused(*words, "-o", tmp_path / "o.yaml", "--seed=-1")
+
+
+def test_a_tilt_is_found_from_a_bag_and_compensated_from_the_file(tmp_path):
+    """The controller keeps its kinematics; the machine is neither as drawn nor level."""
+    program = "G21 G90\nG0 X-40 Y-40\nG1 X40 Y40 F3000\nG0 X40 Y-40\nG1 X-40 Y40 F3000\nG0 X0 Y50\nG1 Y-50\nG1 Z5\nM2\n"
+    actual = ["actual.geometry.strut_length_error=[1.5e-5,-1e-5,5e-6]", "actual.tilt.about_y=0.0008"]
+    sets = [part for text in (*actual, "actual.tilt.lever=0.12") for part in ("--set", text)]
+    bag = recorded(tmp_path, "tripod", *sets, program=program)
+    said = done("calibrate", "--machine", "tripod", "--tilt", "--bag", bag, "-o", tmp_path / "out.yaml")
+    assert "rank 14 of 14 unknowns" in said
+    parameters = yaml.safe_load((tmp_path / "out.yaml").read_text())["/**"]["ros__parameters"]
+    assert parameters["actual"]["tilt"]["about_y"] == pytest.approx(0.12 * 0.0008, rel=1e-6)
+    part = tmp_path / "part.ngc"
+    part.write_text("G21 G90\nG0 X-30 Y20\nG1 X30 Y-10 F2000\nM2\n")
+    model = ("--model", tmp_path / "out.yaml", "-o", tmp_path / "new.ngc")
+    done("compensate", part, "--machine", "tripod", *model)
+    errors = []
+    for name in ("part.ngc", "new.ngc"):
+        done("simulate", tmp_path / name, "--machine", "tripod", *sets, "--bag", tmp_path / f"{name}.bag")
+        (line,) = json.loads(done("evaluate", tmp_path / f"{name}.bag", "--json"))["segments"]
+        errors.append(line["contour_error_3d_um"]["max"])
+    assert errors[0] > 5.0
+    assert errors[1] < 0.05 * errors[0]
+
+
+def test_a_tilt_of_a_machine_in_the_plane_is_refused(tmp_path):
+    rows = table(tmp_path / "b.csv", "u1_mm,u2_mm,x_mm,y_mm", np.arange(40.0).reshape(10, 4))
+    out = ("-o", tmp_path / "out.yaml")
+    line = refused("calibrate", "--machine", "bipod", "--tilt", "--measurements", rows, *out)
+    assert "a tilt is estimated on a machine that moves in x, y, z" in line

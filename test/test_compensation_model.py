@@ -41,9 +41,7 @@ def test_a_controller_that_has_been_calibrated_is_not_calibrated_again():
 
 
 def test_the_controller_decides_the_motion():
-    controller = load_setup(
-        "tripod", ["motion.acceleration=3.0", "limits.velocity=0.5", "program_zero=[0.01, 0, 0]"]
-    )
+    controller = load_setup("tripod", ["motion.acceleration=3.0", "limits.velocity=0.5", "program_zero=[0.01, 0, 0]"])
     model = model_of(controller, load_setup("tripod", [*FASTER, "u2.limits.velocity=0.1"]))
     assert (model.motion, model.program_zero) == (controller.motion, controller.program_zero)
     assert [parts.limits for parts in model.axes.values()] == [parts.limits for parts in controller.axes.values()]
