@@ -112,16 +112,16 @@ def test_a_model_that_is_wrong_and_bags_that_are_right(tmp_path):
     assert largest_um(FASTER, program) < 0.03 * before
 
 
-@pytest.mark.parametrize("method", ["mirror", "ilc"])
-def test_passes_over_bags_do_not_grow(tmp_path, method):
+@pytest.mark.parametrize(("method", "passes"), [("mirror", 4), ("ilc", 8)])
+def test_passes_over_bags_do_not_grow(tmp_path, method, passes):
     program, sizes = circle(3000.0, 30.0), []
-    for number in range(4):
+    for number in range(passes):
         run = record(tmp_path / f"bag{number}", FASTER, program)
         result = compensate(TRIPOD, program, method, bags=[run], options=CompensationOptions(iterations=1))
         program = result.program
         sizes.append(result.passes[-1].correction)
     assert largest_um(FASTER, program) < 0.2
-    assert sizes[-1] < 1.3 * sizes[0]
+    assert max(sizes) < 1.3 * sizes[0]
 
 
 def test_what_is_predicted_from_a_bag(tmp_path):

@@ -61,7 +61,7 @@ class Options:
 
     program: str = parameter("all", "what is run", choices=("all", "star", "circle", "square", "plate"))
     feed: float = parameter(
-        6000.0, "of star and square; half of it of the circle, a quarter of it of the plate", unit="mm/min", above=0.0
+        6000.0, "of star and square; half of it of the circle, 0.4 of it of the plate", unit="mm/min", above=0.0
     )
     passes: int = parameter(
         5, "runs that are learnt from, of the methods that use bags", unit="1", minimum=1, maximum=50
