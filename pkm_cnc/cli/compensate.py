@@ -18,6 +18,9 @@ from pkm_cnc.program import read_program
 
 __all__ = ["add_parser"]
 
+NAMED = 10
+"""Lines of the program that are named at most."""
+
 
 def add_parser(subparsers: Any) -> None:
     """Add the subcommand."""
@@ -87,4 +90,9 @@ def _told(done: Compensated, wall: float) -> str:
         f"predicted: {removed:.4g} % of the largest contour error removed, by pass {done.chosen + 1}; judged are the "
         f"middle half of lines and all of arcs ({wall:.1f} s)"
     )
+    if done.untouched:
+        named = ", ".join(map(str, done.untouched[:NAMED])) + (", ..." if len(done.untouched) > NAMED else "")
+        lines.append(
+            f"left as they are, too near to stops or too tight for the drives: {len(done.untouched)} lines ({named})"
+        )
     return "\n".join(lines)

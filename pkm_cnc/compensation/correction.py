@@ -8,7 +8,7 @@ zero at both ends of a span with its first two derivatives: it leaves the contou
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pkm_cnc.compensation.smooth_fit import SmoothFit
 from pkm_cnc.motion import MotionParameters
-from pkm_cnc.program import Toolpath
+from pkm_cnc.program import Arc, Element, Toolpath
 
 __all__ = ["CLOSE", "SMOOTH", "Correction", "Span", "across", "spans_of"]
 
@@ -29,6 +29,9 @@ RUN_UP, RUN_OUT = 2.5, 1.0
 """Lags v/Kv. How far behind the ramp v^2/2a of a stop errors are learnt from where the tool still moves when the next
 motion begins: by then 92 % of that is gone; and how far before the ramp of the next stop the correction begins to end,
 so that it does not end steeply."""
+TIGHT = 1.5
+"""Lags v/Kv. The tool cuts through an arc of that radius R by more than a fifth of it: v^2/(2 Kv^2 R) on a serial
+machine. What would make it follow is no small correction of the path."""
 BLENDED = 0.35
 """rad. Under G64 elements that meet at a smaller angle approximate a curve."""
 CLOSE, SMOOTH = 1e-6, 1e-3
@@ -70,22 +73,35 @@ class Span:
 def spans_of(contour: Toolpath, motion: MotionParameters, kv: float, spacing: float) -> tuple[Span, ...]:
     """The spans of a contour, for drives of velocity gain `kv` (1/s) and knots about `spacing` lags v/Kv apart."""
     spans: list[Span] = []
-    feed = 0.0
-    begin = None
-    for index, (element, start) in enumerate(zip(contour.elements, contour.starts, strict=True)):
-        if element.traverse:
-            continue
-        begin, feed = (start, element.feed) if begin is None else (begin, max(feed, element.feed))
-        if _goes_on(contour, index, motion):
-            continue
-        end = start + element.length
+    for first, last in _runs(contour, motion, kv):
+        begin, end = contour.starts[first], contour.starts[last] + contour.elements[last].length
+        feed = max(element.feed for element in contour.elements[first : last + 1])
         intervals = max(LEAST, round((end - begin) * kv / (spacing * feed)))
         ramp, lag = feed * feed / (2.0 * motion.acceleration), feed / kv
         run_up = ramp + (0.0 if motion.wait_in_position else RUN_UP * lag)
         run_out = ramp + RUN_OUT * lag
         spans.append(Span(begin, end, intervals, run_up, run_out))
-        begin = None
     return tuple(spans)
+
+
+def _runs(contour: Toolpath, motion: MotionParameters, kv: float) -> Iterator[tuple[int, int]]:
+    """First and last element of what is run without a stop, a corner or an arc that is too tight for the drives."""
+    first = None
+    for index, element in enumerate(contour.elements):
+        if element.traverse or _tight(element, kv):
+            if first is not None:
+                yield first, index - 1
+            first = None
+            continue
+        first = index if first is None else first
+        if not _goes_on(contour, index, motion):
+            yield first, index
+            first = None
+
+
+def _tight(element: Element, kv: float) -> bool:
+    """Whether it is passed like a corner."""
+    return isinstance(element, Arc) and element.radius * kv < TIGHT * element.feed
 
 
 def _goes_on(contour: Toolpath, index: int, motion: MotionParameters) -> bool:
@@ -137,6 +153,10 @@ class Correction:
             inside = (span.begin <= s) & (s <= span.end)
             result[inside] = BSpline(span.knots(), coefficients, DEGREE)(s[inside], derivative)
         return result
+
+    def untouched(self, begin: float, end: float) -> bool:
+        """Whether between the path lengths `begin` and `end`, m, nothing is learnt."""
+        return not any(max(begin, span.begin + span.run_up) < min(end, span.end - span.run_out) for span in self.spans)
 
     def settled(self, s: Array) -> NDArray[np.bool_]:
         """Which of the path lengths `s` (n,), m, are in a span, off its `run_up` and its `run_out`."""

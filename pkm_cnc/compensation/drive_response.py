@@ -28,8 +28,8 @@ STILL = 3
 def drive_responses(model: Setup) -> Array:
     """(axes, n): position of each drive of `model` n cycles after a unit impulse of its setpoint; each sums to 1.
 
-    The drives are taken as linear: without limits, without what is imperfect about the machine, without a controller
-    at the TCP. Feed-forwards are in it. Raises InputError for drives that are unstable.
+    The drives are taken as linear: without limits, without what else is imperfect about the machine, without a
+    controller at the TCP. Feed-forwards and dead times are in it. Raises InputError for drives that are unstable.
     """
     linear = _linear(model)
     longest = math.ceil(SETTLED / min(parts.drive.kv for parts in linear.axes.values()) / linear.servo_period)
@@ -49,7 +49,8 @@ def drive_responses(model: Setup) -> Array:
 def _linear(model: Setup) -> Setup:
     believed = nominal(model)
     kept = {key: value for key, (value, _) in believed.parameters.items() if not key.startswith("tcp_control.")}
-    setup = setup_from_parameters(kept)
+    late = {f"{axis}.drive.dead_time": parts.drive.dead_time for axis, parts in model.axes.items()}
+    setup = setup_from_parameters({**kept, **late})
     axes = {
         axis: dataclasses.replace(
             parts, drive=dataclasses.replace(parts.drive, velocity_limit=0.0, following_error_limit=math.inf)

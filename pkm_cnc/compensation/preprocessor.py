@@ -96,13 +96,18 @@ class Pass:
 
 @dataclass(frozen=True)
 class Compensated:
-    """The compensated program, the errors before it and after every pass; `passes[chosen]` is that of `program`."""
+    """The compensated program, the errors before it and after every pass; `passes[chosen]` is that of `program`.
+
+    `untouched`: the lines of the original with feed motions of which nothing is compensated, because they are too near
+    to stops or too tight for the drives.
+    """
 
     program: Program
     toolpath: Toolpath
     before: ErrorFigures
     passes: tuple[Pass, ...]
     chosen: int
+    untouched: tuple[int, ...]
 
     @property
     def after(self) -> ErrorFigures:
@@ -159,13 +164,10 @@ class _Work:
         self.contour = self.toolpath.contour
         kv = min(parts.drive.kv for parts in setup.axes.values())
         self.spans = spans_of(self.contour, setup.motion, kv, options.spacing)
-        if not self.spans:
-            raise InputError(f"part program {program.name}: it has rapids alone: nothing to compensate")
-        if not any(span.run_up + span.run_out < span.end - span.begin for span in self.spans):
+        if Correction.none(self.spans).untouched(0.0, self.contour.length):
             raise InputError(
-                f"part program {program.name}: the longest way between two stops, "
-                f"{max(span.end - span.begin for span in self.spans) * 1e3:.4g} mm, is too short for the tool to leave "
-                "the one and not yet come to the other: nothing to compensate; a lower feed shortens both"
+                f"part program {program.name}: nothing to compensate: it has rapids alone, or ways between two stops "
+                "that are too short for the tool to leave the one and not yet come to the other (a lower feed helps)"
             )
         self.correction = self._carried()
 
@@ -193,7 +195,16 @@ class _Work:
                 f"{left[0] * 1e6:.4g} um: a smaller gain or a lower feed helps"
             )
         self._check(program, toolpath, first, run)
-        return Compensated(program, toolpath, before, tuple(done), left.index(least) - 1)
+        return Compensated(program, toolpath, before, tuple(done), left.index(least) - 1, self._untouched())
+
+    def _untouched(self) -> tuple[int, ...]:
+        parts = zip(self.contour.elements, self.contour.starts, strict=True)
+        lines = [
+            element.line
+            for element, start in parts
+            if not element.traverse and self.correction.untouched(start, start + element.length)
+        ]
+        return tuple(dict.fromkeys(lines))
 
     def _left(self, run: Observation) -> float:
         """The largest error, m, at places that are settled: behind stops it is the corner's and stays."""
@@ -211,7 +222,7 @@ class _Work:
         old, new = self._run(self.given, self.toolpath), self._run(program, toolpath)
         figures = self._predicted(runs, old, new)
         self._check(program, toolpath, old, new)
-        return Compensated(program, toolpath, before, (Pass(correction.size(), figures),), 0)
+        return Compensated(program, toolpath, before, (Pass(correction.size(), figures),), 0, self._untouched())
 
     def _predicted(self, runs: list[Observation], old: Observation, new: Observation) -> ErrorFigures:
         """The errors of the bags with the change that the model makes of the one program for the other."""

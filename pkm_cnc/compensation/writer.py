@@ -124,13 +124,15 @@ class _Writer:
         self._path = end
 
     def _pieces(self, element: Element, begin: float, end: float) -> None:
-        span = next(span for span in self._correction.spans if span.begin <= begin and end <= span.end)
+        span = next((span for span in self._correction.spans if span.begin <= begin and end <= span.end), None)
+        if span is None:
+            self._as_it_is(element)
+            return
         count = max(9, math.ceil(LOOKED_AT * element.length / span.step) + 1)
         looked_at: Array = np.linspace(begin, end, count, dtype=np.float64)
         c = self._correction.at(looked_at)
         if float(np.abs(c).max()) < NOTHING:
-            self._set_mode(element.path_mode)
-            self._piece(element, element.length, np.array(element.end), None)
+            self._as_it_is(element)
             return
         self._refuse_steep(element, looked_at, c)
         longest = np.minimum(max(LONGEST, span.step), self._longest(element, looked_at))
@@ -140,6 +142,10 @@ class _Writer:
         for number, (point, middle, length) in enumerate(zip(ends, middles, np.diff(cuts).tolist(), strict=True), 1):
             self._set_mode(element.path_mode if number == len(ends) else PathMode("G61"))
             self._piece(element, length, point, middle)
+
+    def _as_it_is(self, element: Element) -> None:
+        self._set_mode(element.path_mode)
+        self._piece(element, element.length, np.array(element.end), None)
 
     def _refuse_steep(self, element: Element, s: Array, c: Array) -> None:
         slope = float(np.sqrt((self._correction.at(s, 1) ** 2).sum(axis=1)).max())
