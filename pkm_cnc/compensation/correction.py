@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 DEGREE = 3
 LEAST = 8
 """Intervals of a span: fewer have no room between two ends that are zero."""
-RUN_UP, RUN_OUT = 2.5, 1.0
+RUN_UP, RUN_OUT = 2.0, 1.0
 """Lags v/Kv. How far behind the ramp v^2/2a of a stop errors are learnt from where the tool still moves when the next
-motion begins: by then 92 % of that is gone; and how far before the ramp of the next stop the correction begins to end,
+motion begins: by then 86 % of that is gone; and how far before the ramp of the next stop the correction begins to end,
 so that it does not end steeply."""
 TIGHT = 1.5
 """Lags v/Kv. The tool cuts through an arc of that radius R by more than a fifth of it: v^2/(2 Kv^2 R) on a serial
