@@ -91,10 +91,11 @@ def test_an_arc_between_stops_is_right_all_along():
     assert result.after.largest < 0.6 * result.before.largest
 
 
+@pytest.mark.parametrize("program", [star(), circle(6000.0, 40.0)], ids=["star", "circle"])
 @pytest.mark.parametrize("method", sorted(METHODS))
-def test_every_method_and_the_file_does_what_was_predicted(method):
-    before = largest_um(TRIPOD, star())
-    result = compensate(TRIPOD, star(), method)
+def test_every_method_and_the_file_does_what_was_predicted(method, program):
+    before = largest_um(TRIPOD, program)
+    result = compensate(TRIPOD, program, method, options=CompensationOptions(iterations=2))
     after = largest_um(TRIPOD, result.program)
     assert 1e6 * result.before.largest == pytest.approx(before, rel=1e-6)
     assert after == pytest.approx(1e6 * result.after.largest, rel=0.05)

@@ -207,10 +207,14 @@ class _Work:
         return tuple(dict.fromkeys(lines))
 
     def _left(self, run: Observation) -> float:
-        """The largest error, m, at places that are settled: behind stops it is the corner's and stays."""
-        s, vectors = run.error_vectors()
-        settled = self.correction.settled(s)
-        return float(np.sqrt((vectors[settled] ** 2).sum(axis=1)).max()) if settled.any() else 0.0
+        """The largest error, m, of what is judged at settled places; of all of them where nothing is judged there.
+
+        Behind stops it is the corner's and stays.
+        """
+        settled = self.correction.settled(run.error_vectors()[0])
+        errors = [error for error, one in zip(run.errors, settled.tolist(), strict=True) if one]
+        figures = judged(errors, self.contour)
+        return figures.largest if figures.cycles else max((error.magnitude for error in errors), default=0.0)
 
     def from_bags(self, runs: list[Observation], name: str) -> Compensated:
         """One pass; predicted is what the model says of the change, added to what the bags hold."""
