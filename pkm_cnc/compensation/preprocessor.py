@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from pkm_cnc.bag import Run
 from pkm_cnc.check import prepare
@@ -117,11 +118,15 @@ class Compensated:
 
 @contextmanager
 def _many_records() -> Iterator[None]:
-    """Lets the garbage collector wait for RECORDS."""
+    """Lets the garbage collector wait for RECORDS, and linear algebra do with one thread.
+
+    No result shall depend on the number of threads, and its small matrices are faster so.
+    """
     before = gc.get_threshold()
     gc.set_threshold(RECORDS, *before[1:])
     try:
-        yield
+        with threadpool_limits(1):
+            yield
     finally:
         gc.set_threshold(*before)
 
