@@ -168,6 +168,19 @@ def test_what_is_too_tight_or_too_short_is_left_as_it_is():
     assert max(by_line[3]) > 500.0
 
 
+def test_corners_that_are_rounded_belong_to_a_curve():
+    program = Program("cam.ngc", "G21 G90 G64 P0.05 F3000\nG0 X-50 Y0\nG1 X0 Y0\nX60 Y5\nX120 Y15\nM2\n")
+    result = compensate(TRIPOD, program, options=CompensationOptions(iterations=2))
+    assert result.after.largest < 0.01 * result.before.largest
+    assert largest_um(TRIPOD, result.program) == pytest.approx(1e6 * result.after.largest, rel=0.05)
+
+
+def test_a_machine_without_contour_errors_is_left_alone():
+    line = Program("p", "G1 X350 F3000\nM2\n")
+    for method in METHODS:
+        assert "the model has no contour error" in refused(load_setup("monopod"), line, method)
+
+
 # the parts
 
 
@@ -258,6 +271,8 @@ def test_bags_that_do_not_fit(tmp_path):
     assert "it is of another part program (star.ngc)" in refused(TRIPOD, star(length=99.0), bags=[run])
     other = load_setup("tripod", ["geometry.strut_length=0.61"])
     assert "another machine: geometry.strut_length is 0.6 there and 0.61 here" in refused(other, star(), bags=[run])
+    compensated = compensate(TRIPOD, star(), options=CompensationOptions(iterations=1)).program
+    assert "it is of the original that this program carries" in refused(TRIPOD, compensated, bags=[run])
     assert "does not look at errors" in refused(TRIPOD, star(), "inverse", bags=[run])
     run.slow["run_end"].clear()
     assert "the run did not complete (it ends early)" in refused(TRIPOD, star(), bags=[run])

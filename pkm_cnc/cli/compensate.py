@@ -11,7 +11,7 @@ from typing import Any
 from pkm_cnc.bag import read_run
 from pkm_cnc.cli.arguments import add_program, setup_of, write_text
 from pkm_cnc.cli.options import add_options, options_of
-from pkm_cnc.compensation import METHODS, Compensated, CompensationOptions, compensate
+from pkm_cnc.compensation import METHODS, Compensated, CompensationOptions, compensate, nominal
 from pkm_cnc.config import load_setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.program import read_program
@@ -58,6 +58,11 @@ def _compensate(arguments: argparse.Namespace) -> None:
     done = compensate(setup, program, arguments.method, model=model, bags=runs, options=options)
     write_text(arguments.output, done.program.text)
     print(_told(done, time.monotonic() - started))
+    if model is None and not bags and nominal(setup).parameters != setup.parameters:
+        print(
+            "the model is what the controller knows: what the machine file says besides (actual.*, friction.*, ...) is "
+            "not in it"
+        )
     print(f"compensated program {arguments.output}")
 
 
@@ -75,24 +80,33 @@ def _refuse_same(program: str, output: str) -> None:
 
 
 def _told(done: Compensated, wall: float) -> str:
-    rows = [("before", done.before, "")]
+    rows = [("before", done.before, done.settled_before, "")]
     rows += [
-        (f"pass {number}", one.figures, f"{one.correction * 1e6:13.4g}") for number, one in enumerate(done.passes, 1)
+        (f"pass {number}", one.figures, one.settled, f"{one.correction * 1e6:13.4g}")
+        for number, one in enumerate(done.passes, 1)
     ]
-    lines = [f"{'':8}  {'max_3d_um':>11} {'rms_3d_um':>11} {'max_plane_um':>12} {'correction_um':>13}"]
-    for name, figures, correction in rows:
+    lines = [
+        f"{'':8}  {'max_3d_um':>11} {'rms_3d_um':>11} {'max_plane_um':>12} {'settled_um':>11} {'correction_um':>13}"
+    ]
+    for name, figures, settled, correction in rows:
         lines.append(
             f"{name:8}  {figures.largest * 1e6:11.5f} {figures.rms * 1e6:11.5f} "
-            f"{figures.largest_in_plane * 1e6:12.5f} {correction:>13}".rstrip()
+            f"{figures.largest_in_plane * 1e6:12.5f} {settled * 1e6:11.5f} {correction:>13}".rstrip()
         )
-    removed = 100.0 * (1.0 - done.after.largest / done.before.largest) if done.before.largest > 0.0 else 0.0
+    settled = 100.0 * (1.0 - done.passes[done.chosen].settled / done.settled_before)
     lines.append(
-        f"predicted: {removed:.4g} % of the largest contour error removed, by pass {done.chosen + 1}; judged are the "
-        f"middle half of lines and all of arcs ({wall:.1f} s)"
+        f"predicted, by pass {done.chosen + 1}: {settled:.4g} % of the largest contour error removed away from stops "
+        f"(settled){_overall(done)}; judged are the middle half of lines and all of arcs ({wall:.1f} s)"
     )
     if done.untouched:
         named = ", ".join(map(str, done.untouched[:NAMED])) + (", ..." if len(done.untouched) > NAMED else "")
-        lines.append(
-            f"left as they are, too near to stops or too tight for the drives: {len(done.untouched)} lines ({named})"
-        )
+        count = f"{len(done.untouched)} line{'s' if len(done.untouched) > 1 else ''}"
+        lines.append(f"left as they are, too near to stops or too tight for the drives: {count} ({named})")
     return "\n".join(lines)
+
+
+def _overall(done: Compensated) -> str:
+    """The part of the RMS error that is gone, where something is judged."""
+    if not done.before.rms > 0.0:
+        return ""
+    return f", {100.0 * (1.0 - done.after.rms / done.before.rms):.4g} % of the RMS error over all"

@@ -18,7 +18,7 @@ from pkm_cnc.compensation.smooth_fit import SmoothFit
 from pkm_cnc.motion import MotionParameters
 from pkm_cnc.program import Arc, Element, Toolpath
 
-__all__ = ["CLOSE", "SMOOTH", "Correction", "Span", "across", "spans_of"]
+__all__ = ["CLOSE", "SMOOTH", "Correction", "Span", "across", "product", "spans_of"]
 
 Array = NDArray[np.float64]
 
@@ -187,3 +187,8 @@ def across(vectors: Array, tangents: Sequence[Sequence[float]] | Array) -> Array
     """The parts of `vectors` (n, 3) at right angles to the unit `tangents` (n, 3)."""
     along = np.asarray(tangents, dtype=float)
     return np.asarray(vectors - (vectors * along).sum(axis=1)[:, None] * along)
+
+
+def product(matrices: Array, vectors: Array) -> Array:
+    """Row by row the product of `matrices` (n, m, k) and `vectors` (n, k), (n, m)."""
+    return np.asarray(np.einsum("kij,kj->ki", matrices, vectors))

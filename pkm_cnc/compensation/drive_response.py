@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pkm_cnc.array_path import respond
 from pkm_cnc.compensation.nominal import nominal
+from pkm_cnc.compensation.observation import SETTLED
 from pkm_cnc.config import Setup, setup_from_parameters
 from pkm_cnc.errors import InputError
 
@@ -19,8 +20,6 @@ Array = NDArray[np.float64]
 
 STEP = 1e-6
 """m. The step whose response is differenced."""
-SETTLED = 40.0
-"""1/Kv: the length of the response."""
 STILL = 3
 """Cycles of rest before the step: its velocity is a difference over three, its acceleration over five."""
 

@@ -12,13 +12,13 @@ All look for a correction across the contour: the tool's lag along its path is n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pkm_cnc.compensation.correction import SMOOTH, Correction, across
+from pkm_cnc.compensation.correction import SMOOTH, Correction, across, product
 from pkm_cnc.compensation.drive_inverse import drive_inverse
 from pkm_cnc.compensation.mirror import mirrored
 from pkm_cnc.compensation.observation import Observation
@@ -85,8 +85,8 @@ def _ilc(situation: Situation) -> Correction:
         tangents = _tangents(situation.contour, run.s)
         corrected = situation.correction.at(run.s)
         missing = across(run.setpoint - corrected - machine.forward(late), tangents)
-        asked = inverse.learning(_product(machine.jacobian(run.setpoint), missing), situation.cutoff)
-        change = across(_product(machine.inverse_jacobian(run.setpoint), asked), tangents)
+        asked = inverse.learning(product(machine.jacobian(run.setpoint), missing), situation.cutoff)
+        change = across(product(machine.inverse_jacobian(run.setpoint), asked), tangents)
         learnt = situation.correction.settled(run.s)
         places.append(run.s[learnt])
         wanted.append((corrected + situation.gain * change)[learnt])
@@ -106,10 +106,6 @@ def _delayed(series: Array, delay: float) -> Array:
     return np.stack([np.interp(places, np.arange(count), column) for column in series.T], axis=1)
 
 
-def _product(matrices: Array, vectors: Array) -> Array:
-    return np.asarray(np.einsum("kij,kj->ki", matrices, vectors))
-
-
 def _inverse(situation: Situation) -> Correction:
     """u' = (1 + F (1/G - 1)) u: what of 1/G is slow enough for F."""
     inverse = drive_inverse(situation.model)
@@ -121,12 +117,12 @@ def _zpetc(situation: Situation) -> Correction:
     return _by_joints(situation, drive_inverse(situation.model).zero_phase)
 
 
-def _by_joints(situation: Situation, filtered: object) -> Correction:
+def _by_joints(situation: Situation, filtered: Callable[[Array], Array]) -> Correction:
     run = situation.runs[0]
     if situation.correction.size() > 0.0:
         raise InputError("the program is compensated already: this method starts from the original")
     try:
-        wanted = situation.model.machine.forward(filtered(run.joints))  # type: ignore[operator]
+        wanted = situation.model.machine.forward(filtered(run.joints))
     except UnreachableError as error:
         raise InputError(f"the inverse of the drives asks for a place out of reach: {error}") from None
     change = across(wanted - run.setpoint, _tangents(situation.contour, run.s))

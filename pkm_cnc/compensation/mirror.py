@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pkm_cnc.compensation.correction import DEGREE, SMOOTH, Correction, Span, across
+from pkm_cnc.compensation.correction import DEGREE, SMOOTH, Correction, Span, across, product
 from pkm_cnc.compensation.drive_response import drive_responses
 from pkm_cnc.compensation.observation import Observation
 from pkm_cnc.compensation.smooth_fit import SmoothFit
@@ -52,9 +52,9 @@ class _Seen(NamedTuple):
         """R of `change` (n, 3), m, by the `responses` (axes, taps) of the drives."""
         from scipy.signal import oaconvolve
 
-        joints = _product(self.to_joints, change.at(self.asked))
+        joints = product(self.to_joints, change.at(self.asked))
         followed = oaconvolve(joints, responses.T, axes=0)[: len(joints)]
-        return across(_product(self.to_tcp, followed), self.tangents)
+        return across(product(self.to_tcp, followed), self.tangents)
 
 
 def mirrored(
@@ -89,10 +89,6 @@ def _seen(model: Setup, run: Observation, tangents: Array) -> _Seen:
         machine.jacobian(run.setpoint),
         machine.inverse_jacobian(machine.forward(run.actual)),
     )
-
-
-def _product(matrices: Array, vectors: Array) -> Array:
-    return np.asarray(np.einsum("kij,kj->ki", matrices, vectors))
 
 
 class _Fit:

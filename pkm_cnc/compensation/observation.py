@@ -17,11 +17,12 @@ from pkm_cnc.contour import ContourTracker, in_position, judged_range
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
 from pkm_cnc.evaluation import evaluate, setup_of
 from pkm_cnc.motion import Interpolator
-from pkm_cnc.program import Program, ProgramSource, Toolpath
+from pkm_cnc.program import Program, ProgramSource, Toolpath, carried_original
 from pkm_cnc.records import ContourError, TcpSetpoint, Vector
 from pkm_cnc.simulation import simulated_cycles
 
 __all__ = [
+    "SETTLED",
     "ErrorFigures",
     "Observation",
     "check_machine",
@@ -202,6 +203,9 @@ def recorded(run: Run, setup: Setup, program_text: str) -> Observation:
         reason = evaluation.end.reason if evaluation.end is not None and evaluation.end.reason else "it ends early"
         raise InputError(f"{name}: the run did not complete ({reason}): its errors are not those of the whole contour")
     if info.program != program_text:
+        carried = carried_original(Program("", program_text))
+        if carried is not None and carried.text.strip() == info.program.strip():
+            raise InputError(f"{name}: it is of the original that this program carries: compensate that by it")
         raise InputError(f"{name}: it is of another part program ({info.program_name}): record a run of this one")
     check_machine(name, setup_of(run), setup)
     cycles = run.cycles()

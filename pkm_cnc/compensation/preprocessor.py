@@ -7,6 +7,7 @@ predicts is what its file does, with everything that the file and the planner ad
 from __future__ import annotations
 
 import gc
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -35,6 +36,7 @@ from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
 from pkm_cnc.parameters import parameter
 from pkm_cnc.program import Program, Toolpath, carried_original, frames
+from pkm_cnc.records import ContourError
 
 __all__ = ["Compensated", "CompensationOptions", "Pass", "compensate"]
 
@@ -45,6 +47,10 @@ that it is made for goes with the square of the speed."""
 RECORDS = 10_000
 """New objects that the garbage collector waits for before it looks for garbage among them: a pass makes ten times as
 many records and no garbage that needs it, and looking costs a fifth of the time."""
+
+
+TANGENT = 1e-6
+"""1. Distance of unit tangents that are the same."""
 
 
 @dataclass(frozen=True)
@@ -89,10 +95,13 @@ class CompensationOptions:
 
 @dataclass(frozen=True)
 class Pass:
-    """What one pass leads to: the correction's largest coefficient, m, and the errors predicted with it."""
+    """What one pass leads to: the correction's largest coefficient, m, the errors predicted with it, and the largest of
+    them, m, away from stops and what is too tight, where the passes are judged.
+    """
 
     correction: float
     figures: ErrorFigures
+    settled: float
 
 
 @dataclass(frozen=True)
@@ -106,6 +115,7 @@ class Compensated:
     program: Program
     toolpath: Toolpath
     before: ErrorFigures
+    settled_before: float
     passes: tuple[Pass, ...]
     chosen: int
     untouched: tuple[int, ...]
@@ -178,29 +188,33 @@ class _Work:
 
     def from_model(self, name: str) -> Compensated:
         run = first = self._run(self.given, self.toolpath)
-        before, left = judged(run.errors, self.contour), [self._left(run)]
-        correction, done = self.correction, []
-        best: tuple[float, Program, Toolpath, Observation] | None = None
+        before, settled = judged(run.errors, self.contour), self._settled(run.errors)
+        if not settled > 0.0:
+            raise InputError(f"{self.given.name}: nothing to compensate: the model has no contour error")
+        correction = self.correction
+        done: list[Pass] = []
+        chosen, best = -1, (self.given, self.toolpath, run)
         for _ in range(self.options.iterations if self.method.learns else 1):
             correction = self.method.learn(self._situation(correction, [run]))
             program = self._written(correction, f"by {name} from the model")
             toolpath = toolpath_of(self.setup, program)
             run = self._run(program, toolpath)
-            done.append(Pass(correction.size(), judged(run.errors, self.contour)))
-            left.append(self._left(run))
-            if best is None or left[-1] < best[0]:
-                best = (left[-1], program, toolpath, run)
-            if not abs(left[-2] - left[-1]) > self.options.until_um * 1e-6 or left[-1] > 2.0 * left[-2]:
+            last = done[-1].settled if done else settled
+            done.append(Pass(correction.size(), judged(run.errors, self.contour), self._settled(run.errors)))
+            now = done[-1].settled
+            if now < (done[chosen].settled if chosen >= 0 else settled):
+                chosen, best = len(done) - 1, (program, toolpath, run)
+            if not abs(last - now) > self.options.until_um * 1e-6 or now > 2.0 * last:
                 break
-        assert best is not None
-        least, program, toolpath, run = best
-        if least > left[0]:
+        if chosen < 0:
+            least = min(one.settled for one in done)
             raise InputError(
                 f"{self.given.name}: {name} makes the largest error {least * 1e6:.4g} um from "
-                f"{left[0] * 1e6:.4g} um: a smaller gain or a lower feed helps"
+                f"{settled * 1e6:.4g} um: a smaller gain or a lower feed helps"
             )
+        program, toolpath, run = best
         self._check(program, toolpath, first, run)
-        return Compensated(program, toolpath, before, tuple(done), left.index(least) - 1, self._untouched())
+        return Compensated(program, toolpath, before, settled, tuple(done), chosen, self._untouched())
 
     def _untouched(self) -> tuple[int, ...]:
         parts = zip(self.contour.elements, self.contour.starts, strict=True)
@@ -211,29 +225,32 @@ class _Work:
         ]
         return tuple(dict.fromkeys(lines))
 
-    def _left(self, run: Observation) -> float:
+    def _settled(self, errors: Sequence[ContourError]) -> float:
         """The largest error, m, of what is judged at settled places; of all of them where nothing is judged there.
 
         Behind stops it is the corner's and stays.
         """
-        settled = self.correction.settled(run.error_vectors()[0])
-        errors = [error for error, one in zip(run.errors, settled.tolist(), strict=True) if one]
-        figures = judged(errors, self.contour)
-        return figures.largest if figures.cycles else max((error.magnitude for error in errors), default=0.0)
+        settled = self.correction.settled(np.array([error.path_length for error in errors]))
+        there = [error for error, one in zip(errors, settled.tolist(), strict=True) if one]
+        figures = judged(there, self.contour)
+        return figures.largest if figures.cycles else max((error.magnitude for error in there), default=0.0)
 
     def from_bags(self, runs: list[Observation], name: str) -> Compensated:
         """One pass; predicted is what the model says of the change, added to what the bags hold."""
         errors = [error for run in runs for error in run.errors]
-        before = judged(errors, self.contour)
+        before, settled = judged(errors, self.contour), self._settled(errors)
+        if not settled > 0.0:
+            raise InputError(f"{self.given.name}: nothing to compensate: the bags have no contour error")
         correction = self.method.learn(self._situation(self.correction, runs))
         program = self._written(correction, f"by {name} from bags: {len(runs)}")
         toolpath = toolpath_of(self.setup, program)
         old, new = self._run(self.given, self.toolpath), self._run(program, toolpath)
-        figures = self._predicted(runs, old, new)
+        after = self._predicted(runs, old, new)
         self._check(program, toolpath, old, new)
-        return Compensated(program, toolpath, before, (Pass(correction.size(), figures),), 0, self._untouched())
+        only = Pass(correction.size(), judged(after, self.contour), self._settled(after))
+        return Compensated(program, toolpath, before, settled, (only,), 0, self._untouched())
 
-    def _predicted(self, runs: list[Observation], old: Observation, new: Observation) -> ErrorFigures:
+    def _predicted(self, runs: list[Observation], old: Observation, new: Observation) -> list[ContourError]:
         """The errors of the bags with the change that the model makes of the one program for the other."""
         errors = []
         for run in runs:
@@ -245,7 +262,7 @@ class _Work:
                 across_plane = np.hypot(tx, ty)
                 left = (tx * y - ty * x) / across_plane if across_plane > 0.0 else np.nan
                 errors.append(error._replace(x=x, y=y, z=z, left=left, magnitude=float(np.sqrt(x * x + y * y + z * z))))
-        return judged(errors, self.contour)
+        return errors
 
     def _situation(self, correction: Correction, runs: list[Observation]) -> Situation:
         return Situation(self.contour, self.model, correction, runs, self.options.gain, self.options.cutoff_hz)
@@ -287,7 +304,7 @@ class _Work:
         except InputError as error:
             raise InputError(f"compensated, {error}") from None
         paces = [self._pace(run) for run in (before, after)]
-        steady = self.correction.settled(before.s) & (paces[0] >= 1.0 - SLOWER)
+        steady = self.correction.settled(before.s) & (paces[0] >= 1.0 - SLOWER) & ~self._at_curves(before.s)
         lost = np.where(steady, paces[0] - np.interp(before.s, after.s, paces[1]), 0.0)
         row = int(np.argmax(lost))
         if lost[row] > SLOWER:
@@ -295,7 +312,33 @@ class _Work:
             raise InputError(
                 f"{self.given.name}:{line}: compensated, the tool would have to slow down by {lost[row] * 100.0:.3g} % "
                 "of its feed to keep the limits of TCP and drives (motion, limits): a lower feed leaves them room"
+                + (", and so does a larger motion.jerk" if self.setup.motion.jerk > 0.0 else "")
             )
+        longer = len(after.s) / len(before.s) - 1.0
+        if longer > SLOWER:
+            raise InputError(
+                f"{self.given.name}: compensated, it would take {longer * 100.0:.3g} % more time to keep the limits of "
+                "TCP and drives (motion, limits): a lower feed leaves them room"
+            )
+
+    def _at_curves(self, s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which path lengths (n,) are within a lag of a corner that G64 rounds.
+
+        The curve there has the short pieces beside the corner for room where it had whole lines, and is slower for some
+        cycles.
+        """
+        kv = min(parts.drive.kv for parts in self.setup.axes.values())
+        joints = zip(self.contour.elements, self.contour.elements[1:], self.contour.starts[1:], strict=False)
+        curves = [
+            (place, max(one.feed, two.feed) / kv)
+            for one, two, place in joints
+            if one.path_mode.code == "G64" and math.dist(one.tangent(one.length), two.tangent(0.0)) > TANGENT
+        ]
+        if not curves:
+            return np.zeros(len(s), dtype=bool)
+        places, reaches = np.array(curves).T
+        nearest = np.searchsorted(0.5 * (places[1:] + places[:-1]), s)
+        return np.asarray(np.abs(s - places[nearest]) < reaches[nearest])
 
     def _pace(self, run: Observation) -> NDArray[np.float64]:
         """How fast the setpoint goes along the contour, (n,), as a part of the programmed feed."""
