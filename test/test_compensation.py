@@ -74,7 +74,7 @@ def test_a_fast_circle_by_mirror_pass_by_pass():
 @pytest.mark.parametrize("feed", [3000.0, 9000.0])
 def test_a_star_by_mirror(setup, feed):
     """What it leaves must be below 0.1 um after one pass and 0.01 after two: it is below that after one."""
-    program = star(feed, headings=(30.0, 90.0), length=200.0)
+    program = star(feed, headings=(30.0,), length=200.0)
     result = compensate(setup, program, options=CompensationOptions(iterations=2, until_um=0.0))
     first, second = passes_um(result)
     assert 1e6 * result.before.largest > 7.0
@@ -91,7 +91,7 @@ def test_an_arc_between_stops_is_right_all_along():
     assert result.after.largest < 0.6 * result.before.largest
 
 
-@pytest.mark.parametrize("program", [star(), circle(6000.0, 40.0)], ids=["star", "circle"])
+@pytest.mark.parametrize("program", [star(), circle(6000.0, 30.0)], ids=["star", "circle"])
 @pytest.mark.parametrize("method", sorted(METHODS))
 def test_every_method_and_the_file_does_what_was_predicted(method, program):
     before = largest_um(TRIPOD, program)
@@ -113,7 +113,7 @@ def test_a_model_that_is_wrong_and_bags_that_are_right(tmp_path):
     assert largest_um(FASTER, program) < 0.03 * before
 
 
-@pytest.mark.parametrize(("method", "passes"), [("mirror", 4), ("ilc", 8)])
+@pytest.mark.parametrize(("method", "passes"), [("mirror", 3), ("ilc", 5)])
 def test_passes_over_bags_do_not_grow(tmp_path, method, passes):
     program, sizes = circle(3000.0, 30.0), []
     for number in range(passes):
