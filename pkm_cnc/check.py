@@ -137,6 +137,7 @@ class _Check:
             self._check(line, np.array([shape.position(0.0), shape.position(shape.length)]))
             for first in range(0, steps + 1, PORTION):
                 self._check(line, _points([shape], [range(first, min(first + PORTION, steps + 1))], [steps]))
+            return
         self._shapes.append((line, shape))
         self._points += steps + 1
         if self._points >= PORTION:
