@@ -12,7 +12,7 @@ All look for a correction across the contour: the tool's lag along its path is n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from pkm_cnc.compensation.correction import SMOOTH, Correction, across, product
 from pkm_cnc.compensation.drive_inverse import drive_inverse
 from pkm_cnc.compensation.mirror import mirrored
-from pkm_cnc.compensation.observation import Observation
+from pkm_cnc.compensation.observation import Observation, tangents_at
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError, UnreachableError
-from pkm_cnc.program import Toolpath, frames
+from pkm_cnc.program import Toolpath
 
 __all__ = ["METHODS", "Method", "Situation"]
 
@@ -57,13 +57,12 @@ class Method(NamedTuple):
 
     learn: Learn
     learns: bool
-    needs_model: bool
 
 
 def _mirror(situation: Situation) -> Correction:
     """c += gain * d, d the change that the drives turn into the errors' mirror image."""
     tangents = [
-        _tangents(situation.contour, run.error_vectors()[0], [error.segment for error in run.errors])
+        tangents_at(situation.contour, run.error_vectors()[0], [error.segment for error in run.errors])
         for run in situation.runs
     ]
     found = mirrored(situation.model, situation.correction, situation.runs, tangents)
@@ -82,7 +81,7 @@ def _ilc(situation: Situation) -> Correction:
     places, wanted = [], []
     for run in situation.runs:
         late = _delayed(run.actual, _delay(run))
-        tangents = _tangents(situation.contour, run.s)
+        tangents = tangents_at(situation.contour, run.s)
         corrected = situation.correction.at(run.s)
         missing = across(run.setpoint - corrected - machine.forward(late), tangents)
         asked = inverse.learning(product(machine.jacobian(run.setpoint), missing), situation.cutoff)
@@ -125,22 +124,15 @@ def _by_joints(situation: Situation, filtered: Callable[[Array], Array]) -> Corr
         wanted = situation.model.machine.forward(filtered(run.joints))
     except UnreachableError as error:
         raise InputError(f"the inverse of the drives asks for a place out of reach: {error}") from None
-    change = across(wanted - run.setpoint, _tangents(situation.contour, run.s))
+    change = across(wanted - run.setpoint, tangents_at(situation.contour, run.s))
     learnt = situation.correction.settled(run.s)
     return Correction.fitted(situation.correction.spans, run.s[learnt], change[learnt], SMOOTH)
 
 
-def _tangents(contour: Toolpath, s: Array, segments: Sequence[int] | None = None) -> Array:
-    """Unit tangents (n, 3) at path lengths `s` (n,) of the contour, m."""
-    starts = np.array(contour.starts)
-    which = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None) if segments is None else np.array(segments)
-    return np.asarray(frames(contour.elements, which, s - starts[which])[1].T)
-
-
 METHODS: dict[str, Method] = {
-    "mirror": Method(_mirror, learns=True, needs_model=False),
-    "ilc": Method(_ilc, learns=True, needs_model=True),
-    "inverse": Method(_inverse, learns=False, needs_model=True),
-    "zpetc": Method(_zpetc, learns=False, needs_model=True),
+    "mirror": Method(_mirror, learns=True),
+    "ilc": Method(_ilc, learns=True),
+    "inverse": Method(_inverse, learns=False),
+    "zpetc": Method(_zpetc, learns=False),
 }
 """By the name that --method takes."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pkm_cnc.compensation.observation import check_machine, decides_setpoints
 from pkm_cnc.config import Setup, setup_from_parameters
-from pkm_cnc.kinematics import NOT_AS_DRAWN
+from pkm_cnc.kinematics import NOT_AS_DRAWN, is_drawn
 
 __all__ = ["model_of", "nominal"]
 
@@ -55,8 +55,7 @@ def model_of(setup: Setup, believed: Setup) -> Setup:
 
 def _drawn(key: str) -> bool:
     """What is the same for all machines of one kind."""
-    section, _, name = key.rpartition(".")
-    return key in ("machine", "servo_period") or (section == "geometry" and name not in NOT_AS_DRAWN)
+    return key in ("machine", "servo_period") or is_drawn(key)
 
 
 def _controls(key: str) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from pkm_cnc.contour import ContourTracker, in_position, judged_range
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
 from pkm_cnc.evaluation import evaluate, setup_of
 from pkm_cnc.motion import Interpolator
-from pkm_cnc.program import Program, ProgramSource, Toolpath, carried_original
+from pkm_cnc.program import Program, ProgramSource, Toolpath, carried_original, frames
 from pkm_cnc.records import ContourError, TcpSetpoint, Vector
 from pkm_cnc.simulation import simulated_cycles
 
@@ -31,6 +31,7 @@ __all__ = [
     "observe",
     "recorded",
     "setpoints_of",
+    "tangents_at",
     "toolpath_of",
     "tracker_of",
 ]
@@ -56,13 +57,12 @@ class ErrorFigures:
 class Observation:
     """A run cycle by cycle (n cycles, m axes), SI, `base_link`.
 
-    `s` is the setpoint's path length on the contour, `reached` the part of the programmed feed that it has, `segment`
-    the contour's element that it is on, `setpoint` (n, 3) the TCP it asks for, `joints` and `actual` (n, m) the drives'
-    setpoints and their positions as measured; `errors` are the contour errors of the true TCP.
+    `s` is the setpoint's path length on the contour, `segment` the contour's element that it is on, `setpoint` (n, 3)
+    the TCP it asks for, `joints` and `actual` (n, m) the drives' setpoints and their positions as measured; `errors`
+    are the contour errors of the true TCP.
     """
 
     s: Array
-    reached: Array
     segment: NDArray[np.int64]
     setpoint: Array
     joints: Array
@@ -172,9 +172,14 @@ def _table(setpoints: list[TcpSetpoint]) -> Array:
 def _observation(
     table: Array, segments: list[int], joints: Array, actual: Array, errors: list[ContourError]
 ) -> Observation:
-    velocity, s, feed = table[:, 3:6], table[:, 9], table[:, 10]
-    speed = np.sqrt((velocity**2).sum(axis=1))
-    return Observation(s, speed / feed, np.array(segments), table[:, 0:3], joints, actual, errors)
+    return Observation(table[:, 9], np.array(segments), table[:, 0:3], joints, actual, errors)
+
+
+def tangents_at(contour: Toolpath, s: Array, segments: Sequence[int] | None = None) -> Array:
+    """Unit tangents (n, 3) at path lengths `s` (n,) of the contour, m; `segments` (n,) where an element is meant."""
+    starts = np.array(contour.starts)
+    which = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None) if segments is None else np.array(segments)
+    return np.asarray(frames(contour.elements, which, s - starts[which])[1].T)
 
 
 def tracker_of(contour: Toolpath) -> ContourTracker:
@@ -210,21 +215,15 @@ def recorded(run: Run, setup: Setup, program_text: str) -> Observation:
     check_machine(name, setup_of(run), setup)
     cycles = run.cycles()
     rows = run.servo["tcp/setpoint"][:cycles]
-    velocity = np.stack([rows[key] for key in _keys(rows, "velocity")], axis=1)
     axes = [*setup.axes]
     return Observation(
         np.array(rows["path_length"]),
-        np.sqrt((velocity**2).sum(axis=1)) / rows["feed"],
         np.array(rows["segment"], dtype=np.int64),
-        np.stack([rows[key] for key in _keys(rows, "position")], axis=1),
+        np.stack([rows[f"position.{axis}"] for axis in "xyz"], axis=1),
         np.stack([run.servo[f"{axis}/setpoint"][:cycles]["position"] for axis in axes], axis=1),
         np.stack([run.servo[f"{axis}/actual"][:cycles]["position"] for axis in axes], axis=1),
         evaluation.errors,
     )
-
-
-def _keys(rows: NDArray[np.void], prefix: str) -> list[str]:
-    return [name for name in rows.dtype.names or () if name.startswith(f"{prefix}.")]
 
 
 def decides_setpoints(key: str) -> bool:

@@ -28,6 +28,7 @@ from pkm_cnc.compensation.observation import (
     observe,
     recorded,
     setpoints_of,
+    tangents_at,
     toolpath_of,
     tracker_of,
 )
@@ -35,7 +36,7 @@ from pkm_cnc.compensation.writer import compensated_program
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError, MachineFault, UnreachableError
 from pkm_cnc.parameters import parameter
-from pkm_cnc.program import Program, Toolpath, carried_original, frames
+from pkm_cnc.program import Program, Toolpath, carried_original
 from pkm_cnc.records import ContourError
 
 __all__ = ["Compensated", "CompensationOptions", "Pass", "compensate"]
@@ -177,8 +178,8 @@ class _Work:
         self.toolpath = toolpath_of(setup, program)
         self.path_of_original = self.toolpath if self.original is program else toolpath_of(setup, self.original)
         self.contour = self.toolpath.contour
-        kv = min(parts.drive.kv for parts in setup.axes.values())
-        self.spans = spans_of(self.contour, setup.motion, kv, options.spacing)
+        self.kv = min(parts.drive.kv for parts in setup.axes.values())
+        self.spans = spans_of(self.contour, setup.motion, self.kv, options.spacing)
         if Correction.none(self.spans).untouched(0.0, self.contour.length):
             raise InputError(
                 f"part program {program.name}: nothing to compensate: it has rapids alone, or ways between two stops "
@@ -292,8 +293,7 @@ class _Work:
         points = np.array([point[:3] for point in setpoints])
         errors = tracker_of(self.contour).follow(points, [point.segment for point in setpoints])
         places = np.array([error.path_length for error in errors])
-        which = np.array([error.segment for error in errors])
-        tangents = frames(self.contour.elements, which, places - np.array(self.contour.starts)[which])[1].T
+        tangents = tangents_at(self.contour, places, [error.segment for error in errors])
         vectors = across(np.array([error[:3] for error in errors]), tangents)
         return Correction.fitted(self.spans, places, vectors)
 
@@ -327,10 +327,9 @@ class _Work:
         The curve there has the short pieces beside the corner for room where it had whole lines, and is slower for some
         cycles.
         """
-        kv = min(parts.drive.kv for parts in self.setup.axes.values())
         joints = zip(self.contour.elements, self.contour.elements[1:], self.contour.starts[1:], strict=False)
         curves = [
-            (place, max(one.feed, two.feed) / kv)
+            (place, max(one.feed, two.feed) / self.kv)
             for one, two, place in joints
             if one.path_mode.code == "G64" and math.dist(one.tangent(one.length), two.tangent(0.0)) > TANGENT
         ]

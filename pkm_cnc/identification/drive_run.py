@@ -13,7 +13,7 @@ from pkm_cnc.bag import Run
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.evaluation import setup_of
-from pkm_cnc.identification.measurements import UNKNOWNS
+from pkm_cnc.kinematics import is_drawn
 from pkm_cnc.program import Element
 
 __all__ = ["DriveRun", "drive_run"]
@@ -101,15 +101,10 @@ def _check_same(run: Run, setup: Setup) -> None:
         )
     for key, (value, _) in setup.parameters.items():
         there = recorded.parameters[key][0] if key in recorded.parameters else None
-        if _is_drawn(key) and there != value:
+        if (key in SAME or is_drawn(key)) and there != value:
             raise InputError(f"bag {run.folder}: recorded on another machine: {key} is {there} there, {value} here")
     if recorded.tcp_control.active:
         raise InputError(
             f"bag {run.folder}: recorded with a controller at the TCP (tcp_control), which moves the drives besides "
             "their setpoints: record a run without it"
         )
-
-
-def _is_drawn(key: str) -> bool:
-    section, _, name = key.rpartition(".")
-    return key in SAME or (section == "geometry" and name not in UNKNOWNS)

@@ -21,7 +21,7 @@ from pkm_cnc.bag import Run
 from pkm_cnc.config import Setup
 from pkm_cnc.errors import InputError
 from pkm_cnc.evaluation import setup_of
-from pkm_cnc.kinematics import NOT_AS_DRAWN, Machine
+from pkm_cnc.kinematics import NOT_AS_DRAWN, Machine, is_drawn
 
 __all__ = ["UNKNOWNS", "Circle", "Forward", "Measurements", "Positions", "positions_of_run", "read_measurements"]
 
@@ -228,7 +228,6 @@ def _check_same(run: Run, setup: Setup) -> None:
             f"bag {run.folder}: recorded on a {recorded.machine_name}, the machine is a {setup.machine_name}"
         )
     for key, (value, _) in setup.parameters.items():
-        section, _, name = key.rpartition(".")
         there = recorded.parameters[key][0] if key in recorded.parameters else None
-        if section == "geometry" and name not in UNKNOWNS and there != value:
+        if is_drawn(key) and there != value:
             raise InputError(f"bag {run.folder}: recorded on another machine: {key} is {there} there, {value} here")

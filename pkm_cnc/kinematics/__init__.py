@@ -11,7 +11,7 @@ from typing import cast
 
 from pkm_cnc.errors import InputError
 from pkm_cnc.kinematics._in_space import in_space
-from pkm_cnc.kinematics.machine import NOT_AS_DRAWN, Machine, Motion, Violation, reached_rows
+from pkm_cnc.kinematics.machine import NOT_AS_DRAWN, Machine, Motion, Violation, is_drawn, reached_rows
 
 __all__ = [
     "NOT_AS_DRAWN",
@@ -19,6 +19,7 @@ __all__ = [
     "Motion",
     "Violation",
     "in_space",
+    "is_drawn",
     "load_kinematics",
     "machine_names",
     "reached_rows",

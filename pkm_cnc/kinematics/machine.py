@@ -10,7 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from pkm_cnc.errors import UnreachableError
 
-__all__ = ["NOT_AS_DRAWN", "Array", "Machine", "Motion", "Segment", "Violation", "reached_rows", "unreachable"]
+__all__ = [
+    "NOT_AS_DRAWN",
+    "Array",
+    "Machine",
+    "Motion",
+    "Segment",
+    "Violation",
+    "is_drawn",
+    "reached_rows",
+    "unreachable",
+]
 
 Array = NDArray[np.float64]
 
@@ -54,6 +64,12 @@ def unreachable(violations: Sequence[Violation]) -> UnreachableError:
     """The one-line error for `violations` (at least one): the first in words, the number of the others."""
     others = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""
     return UnreachableError(f"{violations[0]}{others}")
+
+
+def is_drawn(key: str) -> bool:
+    """Whether the parameter `key` is a dimension of the nominal geometry that all machines of a kind share."""
+    section, _, name = key.rpartition(".")
+    return section == "geometry" and name not in NOT_AS_DRAWN
 
 
 def reached_rows(function: Callable[..., Array], *tables: Array) -> tuple[Array, UnreachableError | None]:
